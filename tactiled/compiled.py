@@ -6,14 +6,12 @@ its sources, so that one of other sources is not used. ``TACTILED_COMPILED=0`` i
 Python.
 """
 
-import functools
 import hashlib
 import importlib.util
 import os
 import sysconfig
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 MODULES = (
     "tactiled.wire.good_scans",
@@ -43,15 +41,6 @@ def compiled_module(name: str) -> ModuleType | None:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-_loaded = functools.cache(compiled_module)
-
-
-def fastest(plain: Any) -> Any:
-    """Return the compiled form of a class or function of a plain module; itself where there is none."""
-    found = _loaded(plain.__module__)
-    return plain if found is None else getattr(found, plain.__name__)
 
 
 def module_source(name: str, root: Path = _ROOT) -> Path:

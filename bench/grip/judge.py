@@ -76,7 +76,7 @@ def course(
             continue
         scans.append(scan)
         used = event.utilisation_low, event.utilisation, event.utilisation_high
-        p = contact.posterior.p_sliding_now
+        p = contact.p_sliding_now
         rows.append((p, *used, event.p_gross_300ms, event.state == "gross", contact.size))
     table = np.array(rows, dtype=np.float64).reshape(len(rows), 7)
     seen = np.array(scans, dtype=np.int64)

@@ -6,7 +6,7 @@ computed in place. Because the result is used at the same scan everywhere, the e
 
 from collections.abc import Callable
 from contextvars import ContextVar
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
@@ -46,10 +46,15 @@ class Worker(Protocol):
         ...
 
 
-class _Deferred(NamedTuple, Generic[T]):
+class _Deferred(Generic[T]):
     """Job that is computed when its result is taken."""
 
-    result: Callable[[], T]
+    def __init__(self, work: Callable[[], T]) -> None:
+        self._work = work
+
+    def result(self) -> T:
+        """Compute and return the result."""
+        return self._work()
 
 
 class InPlace:

@@ -24,6 +24,7 @@ from tactiled.events.types import UNKNOWN_SD_DEG
 # physical: of the turn from the growth to the sum at the limit: drags make a tenth of it, pulls two thirds.
 _TURNS, _TURNS_SD = 0.4, 0.33
 _MODEL_SD = 0.05  # derived: radians: resistors that are 5 % unequal turn one taxel by so much
+_FEWEST = 4  # derived: taxels whose spread has a variance: fewer have no more than three degrees of freedom
 # prior: of the square of the largest change of shear: noise makes less
 _GREW = 0.1
 AVERAGED = 3  # choice: scans at each end of the growth, if they take no longer than `DIRECTION_S`
@@ -57,7 +58,7 @@ def direction(contact: ContactFilter, shears: FloatArray, n_averaged: int, *, is
     if size <= 1e-9 or turns:
         return Direction(0.0, UNKNOWN_SD_DEG)
     total, along = now.sum(axis=1), (now - before).sum(axis=1) / size
-    slides = is_gross or contact.posterior.p_sliding_now > 0.5 * contact.posterior.p_incipient
+    slides = is_gross or contact.p_sliding_now > 0.5 * contact.p_incipient
     if slides and float(along @ total) < 0:  # shear that falls while the contact slides opposes the slip
         return _opposed_to(total, _spread(now, contact))
     turn = _open_turn(along, total, contact.friction_now[1])
@@ -105,7 +106,7 @@ def _spread(shear: FloatArray, contact: ContactFilter) -> float:
     total = shear.sum(axis=1)
     size = max(math.hypot(total[0], total[1]), 1e-12)
     n = shear.shape[1]
-    if n <= 3:
+    if n < _FEWEST:
         return math.hypot(_MODEL_SD / math.sqrt(n), math.sqrt(2) * contact.signs.ratio_noise / size)
     across = (total[0] * shear[1] - total[1] * shear[0]) / size
     return math.sqrt(n / (n - 3) * float((across**2).sum())) / size

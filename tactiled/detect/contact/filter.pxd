@@ -7,7 +7,7 @@ cdef extern from "math.h":
     cpdef double sqrt(double x)
 
 cdef double CLOSING_PART, FIVE_PERCENT, INCIPIENT_SHARE, INCIPIENT_USED, LEAST_BORNE, LEAST_GROSS_USED, RIPPLE_P
-cdef double NEEDED_UTILISATION, LOOK_S, LIKELY_SDS
+cdef double NEEDED_UTILISATION, LOOK_S, _SURELY_FALLS
 cdef long LOAD_CHANGE
 
 

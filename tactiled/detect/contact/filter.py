@@ -29,8 +29,8 @@ from tactiled.detect.contact.posterior import (
     LEAST_GROSS_USED,
     RIPPLE_P,
 )
-from tactiled.detect.contact.signs import HISTORY_S, LOOK_S, NAMES
-from tactiled.detect.signal.front_end import LIKELY_SDS, zeros
+from tactiled.detect.contact.signs import LOOK_S, NAMES
+from tactiled.detect.signal.front_end import zeros
 from tactiled.events.types import GripEvent, GripState
 
 if TYPE_CHECKING:
@@ -53,6 +53,10 @@ ROW_NAMES = (*NAMES, *STATE_SIGNS, *MEMORY_NAMES)
 LOAD_CHANGE = NAMES.index("log_load_change_300ms")
 NEEDED_UTILISATION = 0.7  # choice
 """Utilisation that `needed_load` would leave."""
+# choice: standard deviations by which the ratio falls where a contact is unloaded: less shear, or a firmer
+# grip
+_SURELY_FALLS = 2.0
+HISTORY_S = 1.0  # choice: in which the beginning of a slip is looked for
 
 
 class ContactFilter:
@@ -211,7 +215,7 @@ class ContactFilter:
         p = max(p, RIPPLE_P) if ripple_travels else p
         kept = kept_load(sign_row[LOAD_CHANGE])
         if was_seen and touches:  # what the gate takes for noise tells nothing of friction
-            friction.learn(self.posterior.p_sliding_now, self.ratio, kept, self.look_s)
+            friction.learn(self.p_sliding_now, self.ratio, kept, self.look_s)
         self.memory.take(p, self.ratio, self.look_s, kept)
         n = len(self.columns)
         for k in range(n):
@@ -230,8 +234,7 @@ class ContactFilter:
             was_seen,
             ripple_travels,
         )
-        now = self.posterior
-        self.hysteresis.look(now.p_incipient, now.p_sliding_now, self.ratio, self.ratio_sd)
+        self.hysteresis.look(self.p_incipient, self.p_sliding_now, self.ratio, self.ratio_sd)
         self.is_known = self.is_known or was_seen or self.hysteresis.is_gross
         self.slid_at = max(self.slid_at, self.ratio) if self.hysteresis.is_gross else 0.0
 
@@ -255,7 +258,7 @@ class ContactFilter:
         self.newest = self.newest + 1 if self.newest + 1 < self.n_kept else 0
         self.n_past = min(self.n_past + 1, self.n_kept)
         at = self.newest * width
-        self.past[at], self.past[at + 1] = time_s, self.posterior.p_sliding_now
+        self.past[at], self.past[at + 1] = time_s, self.p_sliding_now
         self.past[at + 2] = self.total_x / self.load
         self.past[at + 3] = self.total_y / self.load
         self.past[at + 4] = self.moment / self.load
@@ -291,7 +294,7 @@ class ContactFilter:
         elif self.hysteresis.is_open:
             state = "partial"
             median, high = max(median, INCIPIENT_USED), max(high, INCIPIENT_USED)
-        elif self.signs.growth < -LIKELY_SDS * (sqrt(2.0) * self.ratio_sd / self.growth_s):
+        elif self.signs.growth < -_SURELY_FALLS * (sqrt(2.0) * self.ratio_sd / self.growth_s):
             state = "unloading"
         else:
             state = "partial" if share > INCIPIENT_SHARE else "sticking"
@@ -321,6 +324,16 @@ class ContactFilter:
             valid=is_trusted and self.is_begun,
             late=is_late,
         )
+
+    @property
+    def p_sliding_now(self) -> float:
+        """Probability that all of the contact slides, whichever slip is open."""
+        return self.posterior.p_sliding_now
+
+    @property
+    def p_incipient(self) -> float:
+        """Probability that a tenth of its area or more slips."""
+        return self.posterior.p_incipient
 
     @property
     def friction_now(self) -> tuple[float, float, float]:

@@ -31,13 +31,14 @@ from tactiled.detect.signal.contact_gate import (
     lost_contact_event,
 )
 from tactiled.detect.signal.fast import Readings
-from tactiled.detect.signal.front_end import AVERAGED_S, NOISE_SDS
+from tactiled.detect.signal.front_end import AVERAGED_S
 from tactiled.events.types import ContactState, Event, GripEvent
 from tactiled.samples.block import LOSSES, Gap, ScanBlock
 from tactiled.tomlfile import Params
 
-# The filter looks at a contact from where the mean load of the taxels exceeds both this and its noise, until
-# that has fallen to half of it: of a lighter one, the ratio of shear and load is that of noise and drift.
+# The filter looks at a contact from where the mean load of the taxels exceeds both, until that has fallen to
+# half of it: of a lighter one, the ratio of shear and load is that of noise and drift.
+_CONTACT_NOISES = 10.0  # choice: standard deviations of the mean load's noise
 _CONTACT_RANGE = 0.005  # physical: of full scale: drift of a sensor at rest stays below it for minutes
 _LONGEST_GAP_S = 2.0  # prior: beyond, what is held is held anew
 # prior: of the load, by taxel: a contact goes on over a gap where loads changed by less. A hand that takes
@@ -301,7 +302,7 @@ class GripDetector:
         if readings.is_lost:
             contact.friction_memory.widen(_MODEL_SD)
             contact.hysteresis.settle()
-        least = max(NOISE_SDS * readings.load_sd, self._least_load, swing)
+        least = max(_CONTACT_NOISES * readings.load_sd, self._least_load, swing)
         if self._may_go_on:
             self._may_go_on = False
             contact.friction_memory.walk(min(max(step_s, 0.0), _LONGEST_GAP_S))

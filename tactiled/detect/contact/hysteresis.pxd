@@ -1,6 +1,6 @@
 """Types of C for hysteresis.py, which hatch_build.py compiles."""
 
-cdef double CLOSING_PART, SURELY_OVER, _GROWN, SURELY_SDS, _INFINITE
+cdef double CLOSING_PART, SURELY_OVER, _GROWN, _SURELY, _INFINITE
 
 
 cdef class SlipHysteresis:

@@ -6,8 +6,6 @@ The file is plain Python, which Cython compiles with the types of `hysteresis.px
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from tactiled.detect.signal.front_end import SURELY_SDS
-
 # tuned: a slip closes when its probability was below this part of the threshold for so long. With half of it
 # and 80 ms, one slide over an even surface is told several times (chosen on the worlds of `bench grip`).
 CLOSING_PART, _CLOSING_S = 1.0 / 3.0, 0.15
@@ -15,6 +13,7 @@ CLOSING_PART, _CLOSING_S = 1.0 / 3.0, 0.15
 # is another one
 SURELY_OVER = 0.02
 _GROWN = 1.1  # prior: of the least ratio since a slip closed, beyond which the next incipient one may open
+_SURELY = 3.0  # choice: standard deviations: what noise may make is no slip
 # choice: in which scans are averaged for a direction: so long after a gap or a touch, no slip opens
 DIRECTION_S = 0.06
 _INFINITE = float("inf")
@@ -100,6 +99,6 @@ class SlipHysteresis:
             if self.n_low >= self.n_closing or p < min(low, SURELY_OVER):
                 self.is_open = self.is_gross = False
                 self.least = ratio
-        elif p_incipient >= self.incipient_p and ratio >= _GROWN * self.least + SURELY_SDS * ratio_sd:
+        elif p_incipient >= self.incipient_p and ratio >= _GROWN * self.least + _SURELY * ratio_sd:
             self.is_open = True
             self.n_low = 0

@@ -6,7 +6,7 @@ cdef extern from "math.h":
     cpdef double sqrt(double x)
 
 cdef double CONTACT_LOG_SD, FRICTION_LOG_SD, SURELY_OVER, RIPPLE_P, FIVE_PERCENT, LEAST_BORNE
-cdef double _LEAST_VARIANCE, LIKELY_SDS, _LOG_FRICTION, _ASTRAY, _ASTRAY_LOG_SD, _WITHOUT_ZERO, LOOK_S
+cdef double _LEAST_VARIANCE, _PLAUSIBLE_SDS, _LOG_FRICTION, _ASTRAY, _ASTRAY_LOG_SD, _NEVER, _WITHOUT_ZERO, _AVERAGE_S
 
 
 cdef class Posterior:

@@ -19,7 +19,6 @@ import math
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.front_end import LIKELY_SDS, SURELY_SDS
 
 _PRESS_S = 0.6  # prior: of a press that shear does not end, after which the zero is known
 # derived: standard deviations over load: resistors that are 5 % unequal turn so much of a taxel's load into
@@ -29,6 +28,9 @@ _TAXEL_SD, _MOUNTED_SD = 0.07, 0.03
 # public skin (uSkin). 0.1 costs utilisation on our own worlds three times as much, and finds as many slips
 # there.
 _CROSSTALK_SD = 0.05
+_SDS = 2.0  # choice: that the zero of the whole array may have
+_LEFT_SDS = 3.0  # choice: by which shear must leave the zero to be of a pull
+_SEEN = 2.0  # choice: times the load of the zero: more than half of the contact was seen to begin since
 
 
 class PressZero:
@@ -75,8 +77,8 @@ class PressZero:
         whole = max(float(load.sum()), 1e-9)
         self._n += 1
         self.is_measured = self._n >= self._n_press
-        most = SURELY_SDS * math.hypot(self._whole_sd, total_sd / whole)
-        has_doubled = self._n > 1 and whole > 2.0 * self._largest
+        most = _LEFT_SDS * math.hypot(self._whole_sd, total_sd / whole)
+        has_doubled = self._n > 1 and whole > _SEEN * self._largest
         is_small = math.hypot(*shear.sum(axis=1)) <= most * whole
         if has_doubled and (not self.is_seen or (self.pull_began and is_small)):
             self._forget()
@@ -99,7 +101,7 @@ class PressZero:
         parts = self._crossed / np.maximum(self._squares + silent, 1e-300)
         parts_of_whole = (parts * load / whole).sum(axis=1, keepdims=True)
         size = math.hypot(*parts_of_whole[:, 0])
-        parts -= parts_of_whole * max(0.0, 1.0 - LIKELY_SDS * self._whole_sd / max(size, 1e-12))
+        parts -= parts_of_whole * max(0.0, 1.0 - _SDS * self._whole_sd / max(size, 1e-12))
         self.whole_sd = self._whole_sd * (1.0 - self._n_taken / self._n_press)
         self.parts = parts
 

@@ -4,7 +4,7 @@ cdef extern from "math.h":
     cpdef double log(double x)
     cpdef double sqrt(double x)
 
-cdef double LEAST_RATIO, _EVEN, _UNKNOWN, _LOADED, _SUDDEN_DROP, HISTORY_S, _KEPT
+cdef double LEAST_RATIO, _EVEN, _UNKNOWN, _LOADED, _SUDDEN_DROP, _LONGEST_S, _KEPT
 cdef long _SHAPE, _RATIO, _OWN, _CHANGES, _TURNS, _SPREADS, _WANDER, _DETAILS, _SINCE, _GROWTH, _ROUGHNESS, _JERK
 cdef long _NOISE, _RIPPLE, _HAND, _MOVES
 

@@ -21,6 +21,8 @@ LOOK_S = 0.02  # choice: a controller acts no faster, and neighbouring scans tel
 # choice: from two looks to a slow grip, each about twice the one before. The trees take from them what they
 # need.
 _TIMES_S = (0.04, 0.08, 0.16, 0.3, 0.5)
+# derived: of these times: that of the growth, and that of a mean as long as the longest forecast
+_GROWTH_S, _MEAN_S = _TIMES_S[1], _TIMES_S[3]
 WINDOWS_S: Mapping[str, tuple[float, ...]] = {
     "change": _TIMES_S,
     "turn": _TIMES_S[1:4],
@@ -30,9 +32,8 @@ WINDOWS_S: Mapping[str, tuple[float, ...]] = {
 }
 """Windows of the signs by kind."""
 LEVELS = (1, 2, 3)  # choice
-# choice: longest window and time of a sign (`largest` and `dropped_from` last as long as the contact), and
-# time in which the beginning of a slip is looked for
-HISTORY_S = 1.0
+# choice: longest window and time of a sign; `largest` and `dropped_from` last as long as the contact
+_LONGEST_S = 1.0
 LEAST_RATIO = 0.01  # derived: below it the logarithm of a ratio is that of noise
 _EVEN = 0.03  # prior: of the mean load: where loads differ by less, they say nothing of the shears
 _UNKNOWN = float("nan")
@@ -135,13 +136,12 @@ class Signs:
         self.change_looks, self.turn_looks = looks["change"], looks["turn"]
         self.spread_looks, self.wander_looks = looks["spread"], looks["wander"]
         self.move_looks = looks["moves"]
-        # The growth is over 80 ms, and the mean over 300 ms, as the longest forecast.
-        self.n_growth, self.n_mean = self.change_looks[1], self.change_looks[3]
+        self.n_growth, self.n_mean = _looks(_GROWTH_S, look_s), _looks(_MEAN_S, look_s)
         self.n_drop = _looks(_DROP_S, look_s)
         filters = [exact_taps(level, sqrt(2.0)) for level in LEVELS]  # of the gain of a normalised transform
         self.taps = array("d", [tap for one in filters for tap in one])
         self.n_taps = array("q", [len(one) for one in filters])
-        self.n_longest = _looks(HISTORY_S, look_s) + 1
+        self.n_longest = _looks(_LONGEST_S, look_s) + 1
         self.length = max(self.n_longest, *(len(one) for one in filters))
         self.past_x, self.past_y, self.past_ratio = (zeros(self.length) for _ in range(3))
         self.parts = array("d", _PARTS)
@@ -160,8 +160,9 @@ class Signs:
     def begin(self, *, is_seen: bool) -> None:
         """Begin a contact, whose touch was seen or not."""
         self.is_seen = 1.0 if is_seen else 0.0
-        self.ratio_x = self.ratio_y = self.turn = self.ratio = 0.0
-        self.growth = self.whole = self.ratio_noise = 0.0
+        self.ratio_x = self.ratio_y = self.turn = self.ratio = self.growth = self.whole = self.ratio_noise = (
+            0.0
+        )
         self.total_x = self.total_y = self.moment = self.total_load = 0.0
         for k in range(len(self.parts)):
             self.since[k] = 0.0
@@ -338,7 +339,7 @@ class Signs:
         scale = max(ratio, LEAST_RATIO)
         row[_RATIO], row[_RATIO + 1], row[_RATIO + 2] = ratio, total / self.n_mean, self.largest
         row[_RATIO + 3] = log(scale / max(self.largest, LEAST_RATIO))
-        row[_RATIO + 4] = min(self.since_largest_s, HISTORY_S)
+        row[_RATIO + 4] = min(self.since_largest_s, _LONGEST_S)
         kinds = len(self.change_looks)
         for j in range(kinds):
             back = self._back(self.change_looks[j])
@@ -391,9 +392,9 @@ class Signs:
             if back < longest:
                 self.since[j] = self.look_s * (back + (after - value) / max(after - before, 1e-12))
             else:
-                self.since[j] = HISTORY_S
+                self.since[j] = _LONGEST_S
             row[_SINCE + j] = self.since[j]
-        if self.since[0] < HISTORY_S:
+        if self.since[0] < _LONGEST_S:
             least_s = 0.5 * self.look_s
             self.grown_to = now
             self.log_growth_s = log(max(self.since[0] - self.since[2], least_s))

@@ -12,18 +12,19 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.contact.direction import AVERAGED, direction, opposed
-from tactiled.detect.contact.filter import ContactFilter
+from tactiled.detect.contact.filter import HISTORY_S, ContactFilter
 from tactiled.detect.contact.hysteresis import DIRECTION_S
 from tactiled.detect.contact.posterior import FIVE_PERCENT, INCIPIENT_USED
-from tactiled.detect.contact.signs import HISTORY_S
 from tactiled.events.types import SlipEvent
 
 DETECTOR = "grip"
+_GAP_STEPS = 1.5  # derived: times the time between scans: a longer one is a gap
 _FULL = 0.97  # prior: of the ratio at the limit: taxels of unequal friction slip one after the other
 # derived: quantiles of a normal distribution in seven equal parts: values of the logarithm of friction, over
 # its sd.
 _SDS = np.array([-1.465, -0.792, -0.366, 0.0, 0.366, 0.792, 1.465])
 _LEAST_PART = 1e-3  # derived: of the load: a taxel with less is not loaded
+_LEAST_GROWTH = 1e-3  # derived: 1/s: slower growth does not tell when it began
 
 
 class Past(NamedTuple):
@@ -109,7 +110,7 @@ class PosteriorSlips:
             towards = direction(contact, past.shear, self._n_averaged, is_gross=is_gross)
         if is_gross:
             assert self.open is not None  # a gross slip was an incipient one
-            p, threshold = contact.posterior.p_sliding_now, contact.hysteresis.gross_p
+            p, threshold = contact.p_sliding_now, contact.hysteresis.gross_p
             taxels = np.flatnonzero(past.shear[-1].any(axis=0)).tolist()  # not those that are out
             began_s = max(began_s, self.open.onset_s)
             if not contact.rippled_s:
@@ -120,7 +121,7 @@ class PosteriorSlips:
                     began_s = max(began_s, float(past.time_s[unlikely[-1]]))
                 sd_s = math.hypot(sd_s, (time_s - began_s) / math.sqrt(12))
         else:
-            p, threshold = contact.posterior.p_incipient, contact.hysteresis.incipient_p
+            p, threshold = contact.p_incipient, contact.hysteresis.incipient_p
             taxels = _slipping_taxels(contact, past.shear[-1])
         return SlipEvent(
             time_s=began_s,
@@ -149,8 +150,7 @@ class PosteriorSlips:
         # One after the last scan below the limit; the oldest scan where there is none.
         row = np.where(below.any(axis=0), len(size) - np.argmax(below[::-1], axis=0), 0)
         row = np.minimum(row, len(size) - 1)
-        # More than one and a half times the time between scans is a gap.
-        unseen_s = np.maximum(time_s[row] - time_s[np.maximum(row - 1, 0)] - 1.5 * self._step_s, 0.0)
+        unseen_s = np.maximum(time_s[row] - time_s[np.maximum(row - 1, 0)] - _GAP_STEPS * self._step_s, 0.0)
         began_s = time_s[row] - unseen_s / 2  # the ratio may have met the limit at any time of a gap
         met = ~below[-1] if not below[-1].all() else np.ones_like(below[-1])
         mean_s = float(began_s[met].mean())
@@ -158,7 +158,7 @@ class PosteriorSlips:
         since_s = np.where(row == 0, time_s[-1] - time_s[0], 0.0)
         spread = float(((began_s - mean_s) ** 2 + (unseen_s**2 + since_s**2) / 12)[met].mean())
         growth = contact.per_friction * contact.signs.growth
-        noise_s = min(contact.signs.ratio_noise / max(growth, 1e-3), HISTORY_S)
+        noise_s = min(contact.signs.ratio_noise / max(growth, _LEAST_GROWTH), HISTORY_S)
         return mean_s, math.sqrt(spread + noise_s**2 + self._step_s**2 / 12)
 
 

@@ -23,7 +23,6 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.front_end import Reals, response_weights
 from tactiled.detect.signal.median import median
 from tactiled.detect.signal.pressure import ROUNDING, STOPPED
-from tactiled.detect.signal.swings import FEWEST_PHASES, HARMONICS, LOBE
 
 _HOP_S = 0.5  # choice
 # choice: hops; each is longer by 1.4. One of the long ones at a time, since a look at 16 s takes a
@@ -31,14 +30,18 @@ _HOP_S = 0.5  # choice
 _SHORT, _LONG = (4, 6), (8, 12, 16, 24, 32)
 _LEAST_CYCLES = 4  # prior: slower changes are of the hand
 _FASTEST_HZ = 20.0  # choice: faster scans are averaged
+_FEWEST = 6  # derived: taxels: a plane takes three of them, and phases need some more
 # derived: power of the line over the median of all frequencies: 2.5 is the most of white noise in 18
 # directions.
 _STANDS_OUT = 10.0
 # prior: power of the line over that of any other frequency but its lobe and harmonics: slow noise has no
 # line.
 _OVER_OTHERS = 8.0
+_LOBE, _HARMONICS = 2, (2, 3)  # derived
 _BEYOND_PLANES = 0.1  # derived: of the line's power: of a rigid motion, gains that differ by 15 % leave 0.05
 _MOST_ALIKE = 0.7  # prior: mean of doubled phasors over their mean size: 0 of a wave, 1 of a part that shakes
+# derived: variance of a sine over its power in a Hann window, times the number of samples squared
+_HANN = 8.0
 # choice: steps of a channel over those of most: a still channel that jumped has shown no step
 _OF_USUAL = 2.0
 
@@ -70,7 +73,7 @@ class TravellingRipple:
         self._hop = max(4, round(_HOP_S / self._step_s))
         places = np.stack([np.ones(array.n_taxels), array.x_mm, array.y_mm])
         self._places = places / np.abs(places).max(axis=1, keepdims=True).clip(1e-9)
-        self.can_tell = array.has_places and array.n_taxels >= FEWEST_PHASES
+        self.can_tell = array.has_places and array.n_taxels >= _FEWEST
         self._least_steps = least_steps
         self._rounding = response_weights(array) ** 2 * (unit_per_step**2 * ROUNDING)
         self._scans = np.zeros((self._hop * self._n_mean, 3 * array.n_taxels))  # of the present hop
@@ -127,8 +130,8 @@ class TravellingRipple:
         peak = int(power.argmax())
         if peak < _LEAST_CYCLES:
             return False
-        others = np.abs(cycles - cycles[peak]) > LOBE
-        for harmonic in HARMONICS:
+        others = np.abs(cycles - cycles[peak]) > _LOBE
+        for harmonic in _HARMONICS:
             others &= np.abs(cycles - harmonic * cycles[peak]) > 1
         rest = max(_STANDS_OUT * float(median(power)), _OVER_OTHERS * float(power[others].max(initial=0.0)))
         if power[peak] <= rest:
@@ -138,8 +141,7 @@ class TravellingRipple:
         whole = float((np.abs(turns @ flat) ** 2).sum())
         if power[peak] < _BEYOND_PLANES * whole or abs((z**2).sum()) > _MOST_ALIKE * power[peak]:
             return False
-        # The variance of a sine is 8 / n^2 of its power in a Hann window.
-        if 8.0 * power[peak] <= n**2 * float(((self._of_rounding() * (load > 0)) @ beyond**2).sum()):
+        if _HANN * power[peak] <= n**2 * float(((self._of_rounding() * (load > 0)) @ beyond**2).sum()):
             return False
         # About their own mean: where the skin stops, readings keep the value that the ripple had there.
         newest = series[:, -n // 4 :].var(axis=1)

@@ -21,6 +21,7 @@ from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import (
+    MAX_CANDIDATES,
     TINY,
     ChannelLayout,
     WaveMotion,
@@ -48,6 +49,10 @@ LOG_PRIOR = _LOG_WEIGHT - np.logaddexp.reduce(_LOG_WEIGHT, axis=None)
 # choice: standard deviation before a slide of phases (radians) and of corrections of k (radians per
 # millimetre): larger than any, and small enough for a direction in which an array has no extent.
 _ANY_CORRECTION = 10.0
+# derived: tail probability at two standard deviations, at which intervals are matched.
+_TAIL = 0.025
+# derived: spread of the channels' positions. With less there are no delays to measure.
+_LEAST_SPREAD_MM2 = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,9 +193,9 @@ def with_strays(best: RefinedWave, posterior: StrayPosterior, noise_inflation: f
     phase_rate, sd = best.equations.own_phase_rate(best.variance * noise_inflation)
     covariance = np.zeros((1, 3, 3))
     # Strays that taxels share are estimated from few taxels: their intervals are Student's. Phase and wave
-    # vector spend three degrees of freedom. Intervals of 95 % are matched.
+    # vector spend three degrees of freedom.
     left = max(len(best.window.layout.places_mm) - 3, 1)
-    wider = (special.stdtrit(left, 0.025) / special.ndtri(0.025)) ** 2
+    wider = (special.stdtrit(left, _TAIL) / special.ndtri(_TAIL)) ** 2
     covariance[0, :2, :2], covariance[0, 2, 2] = wider * posterior.covariance, sd**2
     waves = replace(
         best.waves, k=posterior.k[np.newaxis], phase_rate=np.array([phase_rate]), covariance=covariance
@@ -226,12 +231,12 @@ def has_baseline(layout: ChannelLayout, motion: WaveMotion) -> bool:
         spread += (mine - mine.mean(axis=0)).T @ (mine - mine.mean(axis=0))
     across = motion.across
     least = across @ spread @ across if motion.has_speed else np.linalg.eigvalsh(spread)[0]
-    return bool(least > 1e-6)  # mm^2: with less there are no delays to measure
+    return bool(least > _LEAST_SPREAD_MM2)
 
 
 def likely_gratings(found: PlaneWaves, weights: FloatArray) -> tuple[Candidate, ...]:
-    """The likeliest gratings, eight at most, with their weights."""
-    shown = [i for i in np.argsort(-weights, kind="stable")[:8] if weights[i] > 1e-4]
+    """The likeliest gratings, with their weights."""
+    shown = [i for i in np.argsort(-weights, kind="stable")[:MAX_CANDIDATES] if weights[i] > 1e-4]
     return tuple(
         Candidate(period_mm=period_mm, angle_deg=angle_deg, weight=float(weights[i]))
         for i in shown

@@ -23,6 +23,8 @@ from tactiled.detect.grooves.window import CLEAR_CYCLES
 
 # choice: frequencies beside the line: fewer are a poor estimate, more are far from it.
 _PLACES = 8
+# derived: periods of the window, less rounding. Closer to a line the fit has absorbed the noise.
+_NEAREST = 1.0 - 1e-9
 
 
 def groove_answer(
@@ -119,8 +121,7 @@ def _noise_beside(best: RefinedWave) -> FloatArray:
     away = np.arange(-2 * _PLACES, 2 * _PLACES + 1)
     there = cycles + away
     multiple = np.round(there / cycles) * cycles
-    # Closer to a line than a period of the window, less rounding, the fit has absorbed the noise.
-    clear = np.abs(there - multiple) >= np.minimum(1.0 - 1e-9, cycles / 2)
+    clear = np.abs(there - multiple) >= np.minimum(_NEAREST, cycles / 2)
     clear |= multiple > n_harmonics * cycles + 0.5
     fits = (away != 0) & (there > CLEAR_CYCLES) & (there < 0.5 * window.n - 1) & clear
     away = away[fits][np.argsort(np.abs(away[fits]), kind="stable")][:_PLACES]

@@ -26,6 +26,8 @@ from tactiled.events.types import UNKNOWN_SD_DEG
 ALIASED = 0.45
 # prior: phase at the edge of the array. Wave vectors that differ by less are the same wave.
 SAME_WAVE_RAD = 0.3
+# choice: candidates in an event.
+MAX_CANDIDATES = 8
 # choice: probability that noise passes for what is looked for: a line, a harmonic, another wave, a motion, a
 # pattern.
 FALSE_ALARM = 1e-6

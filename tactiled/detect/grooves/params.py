@@ -67,12 +67,18 @@ class WaveParams(Params):
 class JointParams(WaveParams):
     """Parameters of the joint estimator."""
 
-    preset: Preset = Field(default="balanced", description="how accurate an answer must be")
+    preset: Preset = Field(default="balanced", description="defaults of the next four")
+    period_sd_mm: float | None = Field(
+        default=None, gt=0, description="standard deviation of the period that an answer needs"
+    )
+    angle_sd_deg: float | None = Field(
+        default=None, gt=0, description="standard deviation of the angle that an answer needs"
+    )
     max_window_s: float | None = Field(
-        default=None,
-        gt=0,
-        le=120,
-        description="longest window; answer then in any case; left out: that of the preset",
+        default=None, gt=0, le=120, description="longest window; answer then in any case"
+    )
+    answer_periods: float | None = Field(
+        default=None, gt=0, le=50, description="ripple periods in the window that an earlier answer needs"
     )
     hop_s: float = Field(default=0.2, ge=0.02, le=10, description="interval between fits")
     # Two hops. A fit of straying channels takes 0.05 to 0.07 s in place (`./run bench texture`) and longer
@@ -97,6 +103,6 @@ class JointParams(WaveParams):
 
     @property
     def criteria(self) -> AnswerCriteria:
-        """Criteria of the preset, with the longest window that is given."""
-        preset = PRESETS[self.preset]
-        return preset._replace(max_window_s=self.max_window_s or preset.max_window_s)
+        """Criteria given explicitly, completed by those of the preset."""
+        given = {name: getattr(self, name) for name in AnswerCriteria._fields}
+        return PRESETS[self.preset]._replace(**{name: x for name, x in given.items() if x is not None})

@@ -37,9 +37,7 @@ from tactiled.array import FloatArray
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import ALIASED, TINY
 from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome, PeriodOnly, Refusal
-from tactiled.detect.grooves.window import FitWindow
-from tactiled.detect.signal.front_end import LIKELY_SDS
-from tactiled.detect.signal.swings import (
+from tactiled.detect.grooves.swings import (
     HARMONICS,
     LEAST_CYCLES,
     LOBE,
@@ -47,6 +45,7 @@ from tactiled.detect.signal.swings import (
     apart_from,
     swing_spectrum,
 )
+from tactiled.detect.grooves.window import FitWindow
 from tactiled.events.types import Candidate
 
 # choice: probability of a line in one window of noise. Windows of a slide overlap and are tested every 0.2 s:
@@ -63,6 +62,7 @@ _SPEED_ERROR = 1.1
 # a length L along the motion, grooves of period D give sin(2 pi L / D) / (2 pi L / D) of the power in phase:
 # 0.8 at D = 5.6 L. Set on the recordings of FabricSlide and BioTac_slide_20_50.
 _MOST_IN_PHASE = 0.8
+_INTERVAL_SDS = 2.0  # choice: standard deviations that widen the interval of the period at both ends
 # physical: a Hann window uses the ends of the signal little, which costs 1.4 to 1.5; noise that channels
 # share and stamps that jitter by a tenth cost up to 1.4 more (research/README.md, `sensors`).
 _SD_OVER_BOUND = 2.0
@@ -214,8 +214,8 @@ def _period(line: SpectralLine, window: FitWindow, weight: float) -> Candidate:
     shortest, longest = period_range(line.frequency_hz, motion.speed_mm_s, params.max_tilt_deg)
     sd_mm = float(np.hypot(longest * relative, motion.speed_sd_mm_s / line.frequency_hz))
     period_mm = min(longest, params.max_period_mm)  # shorter than `longest`: the grooves are tilted
-    low_mm = max(shortest - LIKELY_SDS * sd_mm, min(params.min_period_mm, period_mm))
-    high_mm = min(longest + LIKELY_SDS * sd_mm, params.max_period_mm)
+    low_mm = max(shortest - _INTERVAL_SDS * sd_mm, min(params.min_period_mm, period_mm))
+    high_mm = min(longest + _INTERVAL_SDS * sd_mm, params.max_period_mm)
     return Candidate(
         period_mm=period_mm,
         angle_deg=0.0,

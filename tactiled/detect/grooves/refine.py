@@ -11,6 +11,10 @@ from tactiled.detect.grooves.search import explained_power
 from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
+# choice: iterations at most; the frequency of each is that of the one before.
+_REFINEMENTS = 4
+# choice: radians, and radians per millimetre.
+_CONVERGED_RAD = 1e-5
 # derived: change of the phase rate from the start. Normal equations do not describe more than a period of the
 # window.
 _LARGEST_PHASE_RATE_MOVE = np.pi
@@ -116,15 +120,15 @@ def refine(window: DetrendedWindow, start: PlaneWaves) -> RefinedWave:
 
 
 def _climb(window: DetrendedWindow, start: PlaneWaves, n_harmonics: int) -> RefinedWave:
-    """Climb, four times at most, until the normal equations are those of the wave's frequency."""
+    """Climb until the normal equations are those of the wave's frequency."""
     k, phase_rate, phase = start.k, start.phase_rate, None
-    for _ in range(4):
+    for _ in range(_REFINEMENTS):
         best = refine_once(window, k, phase_rate, n_harmonics, phase)
         moved = max(
             float(np.abs(best.waves.phase_rate - phase_rate)[0]), float(np.abs(best.waves.k - k).max())
         )
         k, phase_rate, phase = best.waves.k, best.waves.phase_rate, best.waves.phase
-        if moved < 1e-5:  # radians, and radians per millimetre
+        if moved < _CONVERGED_RAD:
             break
     return replace(best, is_wave=suits_channels(best, float(start.phase_rate[0])))
 

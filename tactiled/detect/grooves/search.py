@@ -8,12 +8,12 @@ from tactiled.detect.grooves.model import SAME_WAVE_RAD, TINY, ChannelLayout
 from tactiled.detect.grooves.ripple import Ripple
 from tactiled.detect.grooves.solve import LARGEST_STEP_RAD, PlaneWaves, WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow
-from tactiled.detect.signal.front_end import SURELY_SDS
 
 # choice: peaks of the grid that are refined, the highest first.
 _MOST_STARTS = 24
 # prior: a start that explains less than this part of what the best one does cannot win by refinement.
 _LEAST_PART = 0.5
+_SLACK_SIGMAS = 3.0  # choice
 
 
 def search_wave_vectors(ripple: Ripple, least: float) -> PlaneWaves:
@@ -25,7 +25,7 @@ def search_wave_vectors(ripple: Ripple, least: float) -> PlaneWaves:
     k = _starts(ripple)
     if len(k):
         solver = WaveSolver(window, ripple.variance)
-        rate = solver.likely_phase_rate(k, equations.phase_rate, SURELY_SDS)
+        rate = solver.likely_phase_rate(k, equations.phase_rate, _SLACK_SIGMAS)
         found = solver.solve(equations, k, rate)
         heading, normal = _axes(window)
         margin = grid_step(window.layout) / 2
@@ -55,7 +55,7 @@ def _starts(ripple: Ripple) -> FloatArray:
     if motion.has_speed and len(along) > 1:
         # The prior of a known motion counts too. Without it the ridges that one column of taxels makes have
         # no peak.
-        sigmas = (along - equations.phase_rate / window.half_travel) / (np.ptp(along) / 2 / SURELY_SDS)
+        sigmas = (along - equations.phase_rate / window.half_travel) / (np.ptp(along) / 2 / _SLACK_SIGMAS)
         scores = scores - (2 / window.n) * sigmas[:, np.newaxis] ** 2
     starts = np.argwhere(_is_peak(scores))
     # The grid point of a maximum just inside the limits may lie outside them.
@@ -120,7 +120,7 @@ def _grid(window: DetrendedWindow, phase_rate: float, phase_rate_sd: float) -> t
     by_speed = exact * motion.speed_sd_mm_s / motion.speed_mm_s
     by_direction = largest * np.radians(motion.direction_sd_deg)
     slack = float(np.linalg.norm([by_speed, by_direction, phase_rate_sd / window.half_travel]))
-    reach = SURELY_SDS * slack
+    reach = _SLACK_SIGMAS * slack
     first, last = max(-reach, step - exact) / step, min(reach, largest - exact) / step
     along = exact + np.arange(np.ceil(first), np.floor(last) + 1) * step
     return np.asarray(along), np.asarray(across)

@@ -16,6 +16,10 @@ from tactiled.detect.grooves.model import FALSE_DOUBT, TINY
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 from tactiled.detect.worker import pause
 
+# derived: convergence is quadratic from a start within a quarter of a radian.
+_NEWTON_STEPS = 3
+# choice: size of the last step. One more step would be a third of it or less on every window that was tried.
+_CONVERGED_SIGMAS = 0.03
 # derived: phase at the edge of the array. Beyond it the linear model of a phase does not hold.
 LARGEST_STEP_RAD = 0.5
 # derived: ridge that keeps the standard deviation of an undetermined quantity finite.
@@ -195,7 +199,7 @@ class WaveSolver:
         equations: NormalEquations,
         k: FloatArray,
         phase_rate: FloatArray,
-        steps: int = 3,
+        steps: int = _NEWTON_STEPS,
         phase: FloatArray | None = None,
     ) -> PlaneWaves:
         """Climb to the nearest maxima of the likelihood.
@@ -207,8 +211,6 @@ class WaveSolver:
         ----------
         k, phase_rate : (starts, 2) and (starts,) float64
             A phase rate near that of `equations`: a change of frequency is followed to first order.
-        steps : int
-            Convergence is quadratic from a start within a quarter of a radian.
         phase : (starts, kinds, harmonics) float64, optional
             Known from a fit nearby.
         """
@@ -225,8 +227,7 @@ class WaveSolver:
             if step == steps:
                 break
             move = _solved(normal, gradient[..., np.newaxis])[..., 0]
-            # Standard deviations: one more step would be a third of it or less on every window tried.
-            is_last = (move * gradient).sum(axis=1).max() < 0.03**2
+            is_last = (move * gradient).sum(axis=1).max() < _CONVERGED_SIGMAS**2
             size = np.abs(move[:, :2]).max(axis=1) * self._rim_mm
             move *= (LARGEST_STEP_RAD / np.maximum(size, LARGEST_STEP_RAD))[:, np.newaxis]
             k = k + move[:, :2]

@@ -21,8 +21,7 @@ from tactiled.detect.grooves.model import ALIASED, FALSE_ALARM, SAME_WAVE_RAD, T
 from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Refusal
 from tactiled.detect.grooves.refine import RefinedWave, refine_once, suits_channels
 from tactiled.detect.grooves.ripple import FEW_PERIODS
-from tactiled.detect.grooves.window import STRAIGHT, FitWindow, detrended
-from tactiled.detect.signal.swings import trend_basis
+from tactiled.detect.grooves.window import STRAIGHT, FitWindow, detrended, trend_basis
 
 # choice: length of a block. Grooves that change by 10 % in period or by 10 degrees must be noticed within 1.6
 # s.

@@ -10,7 +10,7 @@ from those.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
 from tactiled.detect.grooves.outcome import Refusal
 from tactiled.detect.grooves.params import WaveParams
-from tactiled.detect.signal.swings import trend_basis
 from tactiled.detect.worker import pause
 
 # prior: part of a channel's readings. A channel with more bad ones is left out of a fit.
@@ -31,6 +30,9 @@ _MOST_VOLTS = 1e9
 CLEAR_CYCLES = 0.75
 # derived: order of the trend that is always removed: level and slope.
 STRAIGHT = 1
+# derived: ridge as a fraction of a function's sum of squares. Rounding leaves nothing of a line that the
+# trend absorbs whole. The ridge changes amplitudes by less than a 30-bit converter can resolve.
+_RIDGE = 1e-9
 # derived: noise of a 22-bit converter on 3 V, volts^2: a lower bound that keeps the weights of a noiseless
 # signal finite.
 LEAST_VARIANCE = (1e-6) ** 2 / 12
@@ -165,14 +167,21 @@ class DetrendedWindow:
         # The readings are orthogonal to the trend, so removing the trend from the Gram matrix is enough.
         slow = basis @ self.trend
         gram = basis @ basis.swapaxes(1, 2) - slow @ slow.swapaxes(1, 2)
-        # Rounding leaves nothing of a line that the trend absorbs whole. This ridge, a part of a function's
-        # sum of squares, changes amplitudes by less than a 30-bit converter can resolve.
-        gram += 1e-9 * self.n / 2 * np.eye(basis.shape[1])
+        gram += _RIDGE * self.n / 2 * np.eye(basis.shape[1])
         if len(basis) == 1:
             product = self.volts @ basis[0].T
         else:
             product = (basis @ self.volts[:, :, np.newaxis])[..., 0]
         return NormalEquations(phase_rate, n_harmonics, gram, product, self)
+
+
+@lru_cache(maxsize=16)  # windows that have their full length ask for the same few
+def trend_basis(n: int, order: int) -> FloatArray:
+    """Orthonormal polynomials of up to `order` on n even steps: (n, order + 1), read-only."""
+    steps = np.linspace(-1.0, 1.0, n)
+    basis = np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(steps, order))[0])
+    basis.flags.writeable = False
+    return basis
 
 
 def detrended(window: FitWindow) -> DetrendedWindow | Refusal:

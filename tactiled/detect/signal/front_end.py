@@ -30,9 +30,6 @@ Flags = NDArray[np.uint8]
 
 _INFINITE = float("inf")
 _UNKNOWN = float("nan")
-# choice: standard deviations: what exceeds the first is not likely noise, what exceeds the second is surely
-# none, and what exceeds the third is none even where noise is stated several times too small.
-LIKELY_SDS, SURELY_SDS, NOISE_SDS = 2.0, 3.0, 10.0
 LEAST_SIDES = 3  # derived: of two readings that differ, the wrong one cannot be identified
 _HISTORY, _TURNED = 128, 52  # derived: 0.4 of all: 3.3 standard deviations above a last bit that flips
 _LONG = 40  # derived: 0.4^40 is 1e-16
@@ -43,15 +40,15 @@ _PRESSED_OF_RANGE = 0.01  # physical: where the array file has no pressure that 
 # deviation in each (Mallat, A Wavelet Tour of Signal Processing, 3rd ed., 5.5).
 _NOISE_LEVELS = 2
 AVERAGED_S = 1.0  # choice: averaging time of noise, and of the readings without contact
+_CLIP = 3.0  # choice: standard deviations: a coefficient beyond counts as this much, since it is signal
 _CLIPPED_AFTER = 20  # prior: scans: before, the mean is too uncertain to clip by
 _ROUNDING = sqrt(12.0)  # derived: rounding to steps of q has a standard deviation of q / sqrt(12)
 _MEAN_ABS = sqrt(2.0 / pi)  # derived: of a normal variable of unit variance
 # prior: jumps, from scan to scan: of the mean load of a taxel, below which a jump changes the total shear by
-# less than the zero; times the change of the median taxel, whose load may be a third.
-_LEAST_JUMP, _JUMP_TIMES = 0.02, 10.0
-# prior: of the largest load: taxels with less need not move with the others; and of the load of a taxel: by
-# so much must a side be pressed for its part of the shear to be known.
-_LOADED = 0.1
+# less than the zero; standard deviations of noise; times the change of the median taxel, whose load may be a
+# third.
+_LEAST_JUMP, _JUMP_NOISES, _JUMP_TIMES = 0.02, 10.0, 10.0
+_LOADED = 0.1  # prior: of the largest load: taxels with less need not move with the others
 _FEWEST_LOADED = 4  # derived: taxels, of which most are right
 _MOST_JUMP = 0.4  # derived: of them that may jump at once: six neighbouring channels are of three taxels
 # physical: part of the pressed side's reading, below which the opposite one has lost its load: it then reads
@@ -59,6 +56,8 @@ _MOST_JUMP = 0.4  # derived: of them that may jump at once: six neighbouring cha
 _RELIEVED = 0.5
 # physical: of the mean of all sides over the load, where some are relieved: 1.02 to 1.16 on the same.
 _MOST_SPREAD = 1.3
+# prior: of the load, by which a side must be pressed for its part of the shear to be known
+_LEAST_PRESSED = 0.1
 _SPARE = 64  # choice: scans after which those that the filters need move to the front
 # prior: in which what interpolation between channels leaves counts as noise: the length of a jerk
 _JERK_S = 0.06
@@ -297,7 +296,7 @@ class Jumps:
         median = (self.usual[(n_loaded - 1) // 2] + self.usual[n_loaded // 2]) / 2.0
         most = max(_JUMP_TIMES * median, least)
         for c in range(n):
-            self.jumps[c] = 1 if self.change[c] > max(NOISE_SDS * noise[c], most) else 0
+            self.jumps[c] = 1 if self.change[c] > max(_JUMP_NOISES * noise[c], most) else 0
         for t in range(self.n_taxels):
             is_struck = False
             for c in range(n):
@@ -366,7 +365,7 @@ class RelievedSides:
                 low = min(side[a], side[2 + a])
                 # A taxel that is lifted has no pressed side: its sides read noise, each less than half of
                 # the other.
-                is_relieved = low < _RELIEVED * high[a] and high[a] > _LOADED * self.load[t]
+                is_relieved = low < _RELIEVED * high[a] and high[a] > _LEAST_PRESSED * self.load[t]
                 self.relieved[a * n + t] = 1 if is_relieved else 0
                 if not is_relieved:
                     other = min(other, (side[a] + side[2 + a]) / 2.0)
@@ -383,7 +382,7 @@ class RelievedSides:
                 if self.relieved[k] != 0:
                     sign = 1.0 if side[a] >= side[2 + a] else -1.0
                     response[first + n + k] = sign * self.proportion[k] * max(pressed, 0.0)
-                elif pressed > _LOADED * self.load[t]:
+                elif pressed > _LEAST_PRESSED * self.load[t]:
                     # Least squares over the contact: the error of one scan would last while a side is
                     # relieved.
                     self.weight[k] += pressed * pressed
@@ -416,8 +415,7 @@ class NoiseFloor:
         """Take readings (channels,) and details (levels, channels) of a scan whose filters are full."""
         self.n += 1
         part = 1.0 / min(1.0 * self.n, self.n_scans)
-        # A coefficient beyond counts as so much, since it is signal.
-        clip = SURELY_SDS if self.n > _CLIPPED_AFTER else _INFINITE
+        clip = _CLIP if self.n > _CLIPPED_AFTER else _INFINITE
         for c in range(self.n_channels):
             moved = abs(readings[c] - self.last[c])
             self.last[c] = readings[c]

@@ -5,8 +5,8 @@ cdef extern from "math.h" nogil:
     cpdef double expm1(double x)
     cpdef double sqrt(double x)
 
-cdef double _TO_WHOLE, _INFINITE, _NO_NUMBER, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, ROUNDING, _STATED_SMALL
-cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, NOISE_SDS, SURELY_SDS, _SWING_SDS, _TURN, _BOTH_SIDES, _CREST, STOPPED
+cdef double _TO_WHOLE, _INFINITE, _NO_NUMBER, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, ROUNDING, _MEDIAN, _LOG_DOUBT, _STATED_SMALL
+cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS, _SWING_SDS, _TURN, _BOTH_SIDES, _CREST, STOPPED
 cdef long LEAST_SIDES, _GROUP_SCANS, _GROUPS, _FEWEST, _MOST_POOLED, _MEANS, _LEAST_TURNS, _MOST_RESTS
 
 
@@ -52,6 +52,7 @@ cdef class RestNoise:
 cdef class RestSwing:
     cdef public long n_taxels, n_window, n_declared, n_scans
     cdef public double early
+    cdef public bint is_seen
     cdef public double[::1] value, last, older, sum, square, bend, highest, lowest, power
     cdef public long long[::1] side, turns, n_rests
 
@@ -86,7 +87,7 @@ cdef class Pressure:
     cdef public RestSwing swing
     cdef public long long[::1] own, counts, pads, unread
     cdef public double[::1] sign, total_weights, line, totals, set, largest, heaviest, pressure, taxel_noise, of_noise, steps, slope, loading
-    cdef public unsigned char[::1] ok, touches, released, lost, is_free, may_be_old, touched
+    cdef public unsigned char[::1] ok, touches, released, lost, is_free, may_be_old, touched, swings
 
     cpdef make_room(self, long n)
 

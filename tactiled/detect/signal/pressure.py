@@ -13,16 +13,7 @@ from typing import Any
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.front_end import (
-    LEAST_SIDES,
-    NOISE_SDS,
-    SURELY_SDS,
-    Flags,
-    Reals,
-    counts,
-    flags,
-    zeros,
-)
+from tactiled.detect.signal.front_end import LEAST_SIDES, Flags, Reals, counts, flags, zeros
 from tactiled.events.types import ContactState
 
 # derived: a number of less than 2^51, plus and minus this one, is rounded to the nearest whole number, halves
@@ -41,13 +32,18 @@ _GROUPS = 8
 # prior: wandering of readings at rest is measured over eight times as long: a second, and a hand leaves the
 # skin alone for so long somewhere.
 _MEAN_S = 0.16
+_FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
 # prior: of the noise before it is known, that wandering is at most: 1/128 of the range
 _WANDER_OF_EARLY = 0.5
 _SECOND_DIFFERENCE = 6.0  # derived: variance of v[k] - 2 v[k + 1] + v[k + 2] over that of v, for white noise
 ROUNDING = 1.0 / 12  # derived: variance of rounding to a step
+_MEDIAN = 0.6745  # derived: of |x| of a normal variable of unit variance
 # derived: second differences, of all channels, before their median counts: that of eight is less than a sixth
 # of the true one once in 2,000 draws.
 _FEWEST = 8
+# derived: three standard deviations of the logarithm of that median, 1.63 each over the root of the second
+# differences; neighbours among them share readings, which counts for half of them.
+_LOG_DOUBT = 3.0 * 1.63
 _MOST_POOLED = 36  # choice: channels whose second differences are sorted: 500 tell their median to 7 %
 # derived: the noise of groups is stated up to two times too small, and levels allow for that.
 _STATED_SMALL = 2.0
@@ -72,6 +68,7 @@ _RELEASE_OF_CONTACT = 0.6  # choice: as the levels of the 2019 array, 0.15 V of 
 # the 2019 paper, 20 N in 8 s, is 12 % of its final load per second.
 _LOADING_OF_LOAD = 0.03
 _LOADING_OF_CONTACT = 0.12  # choice: per second; as on the 2019 array, 0.03 V/s of 0.25 V
+_LOADING_SDS = 10.0  # choice: of the slope by the noise at rest, which may be stated two times too small
 _SLOPE_WINDOW_S = 0.3  # choice: window of the slope's line fit
 SETTLE_S = 0.2  # choice: the load is steady for so long before it is a hold
 # tuned: what a soft skin keeps of a press, where the array file gives no level and no shear over load says
@@ -300,11 +297,9 @@ class RestNoise:
         if n_all < _FEWEST:
             self.early_noise = array("d", [_UNKNOWN] * self.n_channels)
             return
-        scale = 0.6745 * sqrt(_SECOND_DIFFERENCE)  # the median of |x| of a normal variable of unit variance
+        scale = _MEDIAN * sqrt(_SECOND_DIFFERENCE)
         common = float(_median_of_rounded(pooled, half)[0]) / scale
-        # Neighbouring second differences share readings, so that the logarithm of their median has a standard
-        # deviation of 1.63 over the root of their number.
-        allowed = min(exp(SURELY_SDS * 1.63 / sqrt(n_all)) / _STATED_SMALL, 1.0)
+        allowed = min(exp(_LOG_DOUBT / sqrt(n_all)) / _STATED_SMALL, 1.0)
         own = _median_of_rounded(bends, half) / scale
         noise = np.where(own > _STATED_SMALL * common, own, common * allowed)  # no NaN is
         self.early_noise = array("d", np.maximum(noise, self.early))
@@ -344,6 +339,8 @@ class RestSwing:
         Pressures of the scan that `take` takes.
     power : (taxels + 1,) array of float
         Variance of the swing, mean over seconds at rest.
+    is_seen : bool
+        Some taxel swings.
     n_rests : (taxels + 1,) array of int
         Number of these, `_MOST_RESTS` at most; 0 for a taxel that was never seen to swing.
     """
@@ -353,7 +350,7 @@ class RestSwing:
         self.n_taxels, self.n_window, self.n_scans = pad.n_taxels, max(3, round(_SWING_S * rate_hz)), 0
         # Scans at the beginning that are of rest by the array file: in these, a swing passes its levels once.
         self.n_declared = round(pad.zero_first_s * rate_hz)
-        self.early = 0.0
+        self.early, self.is_seen = 0.0, False
         self.value, self.last, self.older = zeros(n), zeros(n), zeros(n)
         self.sum, self.square, self.bend = zeros(n), zeros(n), zeros(n)
         self.highest, self.lowest, self.power = zeros(n), zeros(n), zeros(n)
@@ -386,8 +383,9 @@ class RestSwing:
             # The noise of the mean is that of a taxel over the root of their number.
             level = levels[k] if k < n else total_level / n / sqrt(1.0 * n)
             self._take_one(k, self.value[k], level)
-        self.early = 0.0
+        self.early, self.is_seen = 0.0, False
         for t in range(n):
+            self.is_seen = self.is_seen or self.power[t] > 0.0
             self.early = max(self.early, self.power[t] if self.n_rests[t] == 0 else 0.0)
         if self.n_scans == self.n_window:
             self.n_scans = 0
@@ -465,7 +463,7 @@ class Levels:
         if self.loading > 0.0:
             return self.loading
         least = _LOADING_OF_CONTACT * self.least_contact
-        return max(max(least, _LOADING_OF_LOAD * load), NOISE_SDS * slope_sd)
+        return max(max(least, _LOADING_OF_LOAD * load), _LOADING_SDS * slope_sd)
 
 
 class Pressure:
@@ -500,6 +498,8 @@ class Pressure:
         Taxels that touch.
     lost : (scans,) array of int
         All taxels are released, the last of them because it has not been read for too long.
+    swings : (scans,) array of int
+        A taxel is known to swing at rest.
     state, previous : str
         State of the contact, and the one before the newest change.
     """
@@ -510,8 +510,7 @@ class Pressure:
         n_own = [len(row) for row in own]
         self.hold, self.levels, self.rate_hz = Hold(pad), levels, rate_hz
         self.volts_per_step = self.hold.volts_per_step
-        # A mean of four scans has half of their noise; of fewer, too much of it.
-        n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= 4 else 0
+        n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= _FEWEST_OF_MEAN else 0
         early /= self.volts_per_step
         self.rest = RestNoise(pad.n_channels, early, n_mean, _WANDER_OF_EARLY * early)
         self.swing = RestSwing(pad, rate_hz)
@@ -553,7 +552,8 @@ class Pressure:
         self.n_room, self.n_scans, channels = n, 0, self.n_channels
         self.steps, self.ok = zeros(n * channels), flags(n * channels)
         self.slope, self.loading = zeros(n), zeros(n)
-        self.touches, self.released, self.lost = flags(n), flags(n), flags(n)
+        self.touches, self.swings = flags(n), flags(n)
+        self.released, self.lost = flags(n), flags(n)
         self.may_be_old, self.touched = flags(n), flags(n * self.n_taxels)
 
     def forget_contact(self) -> None:
@@ -658,6 +658,7 @@ class Pressure:
             risen += self.totals[k] * self.line[k]
             self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
         self.touches[i] = 1 if n_touching > 0 else 0
+        self.swings[i] = 1 if self.swing.is_seen else 0
         self.released[i] = 1 if n_released == taxels else 0
         self.lost[i] = 1 if is_lost and n_released == taxels else 0
         of_each = max(1.0, 1.0 * n_touching)

@@ -7,7 +7,8 @@ lengths, over the noise of each channel. It is evidence of slip where
   in the hold, and a press is not once 1 s of hold follows it; of a hold that is not known for 1 s yet, creep
   and tremor are taken to be large,
 * every one of the newest hops has most of it, so that no tap counts,
-* and shear channels have a part of it, where there are others: a press changes these more on many skins.
+* shear channels have a part of it, where there are others: a press changes these more on many skins,
+* and no single channel of several has nearly all of it.
 
 Where all channels are loads, what counts is the load that moves over a pad: a press raises all taxels, a
 slip takes load from some of them to others. So does a body that rocks or is tugged: the slip is "incipient".
@@ -23,12 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact.signs import LOOK_S
-from tactiled.detect.signal.front_end import LIKELY_SDS
 from tactiled.detect.signal.pressure import ROUNDING
 from tactiled.detect.signal.quantise import HeldReadings
-from tactiled.detect.sliding.tracker import FEWEST, Change
+from tactiled.detect.sliding.tracker import Change
 
+_HOP_S = 0.02  # choice: as the looks at a contact
 _LENGTHS_S = (0.32, 0.64, 1.28)  # choice: half of them is averaged, half lies between the two means
 _LASTS_S = 0.1  # prior: longer than a tap
 _KEPT_S = 6.0  # prior: of the hold
@@ -53,6 +53,10 @@ _SHEAR_PART = 0.2
 # others: 400 finds 242 of 262 slips and is wrong in 4 of 44 touches, 450 finds 239 and is wrong in 3, 500
 # finds 228 and is wrong in 2.
 HOLDS_MOVE = 450.0
+# choice: standard deviations of a hop's noise; the noise of many channels that do not move adds up
+_MOVED = 2.0
+# prior: channels, and the part of the growth above which one of them is at fault
+_MANY, _MOST_OF_ONE = 4, 0.9
 
 
 class GrowthTracker:
@@ -66,9 +70,9 @@ class GrowthTracker:
         if self._moves:
             self._compared = np.ones(len(kinds), dtype=np.bool_)
         of_channel = array.pad[array.channel_taxel]
-        self._pads = [own for pad in np.unique(of_channel) if (own := of_channel == pad).sum() >= FEWEST]
+        self._pads = [own for pad in np.unique(of_channel) if (own := of_channel == pad).sum() >= _MANY]
         self._sign = array.sign
-        self._mean_of = max(1, round(LOOK_S * rate_hz))
+        self._mean_of = max(1, round(_HOP_S * rate_hz))
         hops_s = rate_hz / self._mean_of
         halves = [max(1, round(0.5 * length_s * hops_s)) for length_s in _LENGTHS_S]
         self._lengths = tuple(2 * half for half in halves)
@@ -178,8 +182,10 @@ class GrowthTracker:
         if self._moves:
             loads = scaled * self._sign
             is_read = self._unread < length + half  # at least once in these hops
-            live = [own for pad in self._pads if (own := pad & is_read).sum() >= FEWEST]
+            live = [own for pad in self._pads if (own := pad & is_read).sum() >= _MANY]
             return max((_moved(loads[own]) for own in live), default=0.0), lasts
+        if len(scaled) >= _MANY:
+            lasts &= float((scaled**2).max()) < _MOST_OF_ONE * squared
         if self._normal.any():
             of_shear = float((grown[compared] ** 2).mean())
             lasts &= of_shear > _SHEAR_PART * float((grown[self._normal] ** 2).mean())
@@ -191,7 +197,6 @@ def _moved(growth: FloatArray) -> float:
 
     Geometric mean of all of it and of twice the smaller of what rises and what falls: 0 where all rise.
     """
-    # The noise of many channels that do not move adds up: it is left out.
-    rises = float((growth[growth > LIKELY_SDS] ** 2).sum())
-    falls = float((growth[growth < -LIKELY_SDS] ** 2).sum())
+    rises = float((growth[growth > _MOVED] ** 2).sum())
+    falls = float((growth[growth < -_MOVED] ** 2).sum())
     return float(np.sqrt(2.0 * min(rises, falls) * (rises + falls)))

@@ -83,7 +83,12 @@ class SlidingSlip:
             touches = np.full(len(item), self._state not in without)
             for row, state in contacts:
                 touches[row:] = state not in without
-            found += [(change.row, change) for change in tracker.process(held, touches)]
+            if isinstance(tracker, SlidingTracker):
+                swings = np.asarray(gate.swings)[: len(item)].astype(np.bool_)
+                changes = tracker.process(held, touches, swings & ~touches)
+            else:
+                changes = tracker.process(held, touches)
+            found += [(change.row, change) for change in changes]
         for row, what in sorted(found, key=lambda pair: pair[0]):  # stable: the contact first
             time_s, is_valid = float(item.time_s[row]), not item.late[row] and gate.lost[row] == 0
             if isinstance(what, Change):

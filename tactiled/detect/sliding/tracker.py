@@ -7,8 +7,8 @@ the channels. Without the three strongest patterns of a window, a channel at res
 1. Spectra of the window: a cubic trend removed, under a Hann window, over the noise of each channel.
 2. Roughness: the largest mean of three neighbouring bins of what the three strongest patterns leave, over the
    same at rest. Where rest was seen out of contact alone, it must exceed white noise at the level of the
-   window's quietest quarter of bins, too. Before rest was seen, roughness says nothing: noise at rest has a
-   spectrum of its own.
+   window's quietest quarter of bins, too. What happens in one quarter of the window, such as a tap, does not
+   count. Before rest was seen, roughness says nothing: noise at rest has a spectrum of its own.
 3. Ripple: the strongest line that travels, whose phases differ between channels. A ridge passes the taxels
    one after the other, so that the phases of its ripple fill the circle. A hum of the gripper or a tremor of
    the hand shakes the load and tilts it: phasors in phase, and phasors of both signs in quadrature to these.
@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.grooves.swings import LEAST_CYCLES, apart_from, swing_spectrum
 from tactiled.detect.signal.median import median
-from tactiled.detect.signal.pressure import ROUNDING, STOPPED
+from tactiled.detect.signal.pressure import ROUNDING
 from tactiled.detect.signal.quantise import HeldReadings
-from tactiled.detect.signal.swings import FEWEST_PHASES, LEAST_CYCLES, apart_from, swing_spectrum
 
 _FINEST_HZ = 100.0  # choice: faster scans are averaged: ridges pass at less than half of this rate
 _WINDOW_S = 2.0  # choice
@@ -39,12 +39,15 @@ _WINDOW_S = 2.0  # choice
 _LEAST_WINDOW = 72
 _HOPS = 8  # choice: in a window
 BEGINS, _BOUND, _SPENT = 3.0, 5.0, 0.5  # choice: log odds; two windows at least, four to forget
+_LEARNS_BELOW = 1.0  # prior: log odds of sliding up to which a window shows the rest
 _NO_RIPPLE = -1.0  # prior: log odds, before rest was seen: what does not travel is taken for rest
 _KNOWN_HOPS = 4  # choice: at rest, before their mean counts
 _MEMORY_HOPS = 32  # choice: 8 s
+_STOPPED = 0.25  # prior: power of changes from scan to scan, over the median of the slide
 _STOPPED_HOPS = 2  # choice
-# derived: channels: of fewer, neither roughness is told from a hum, nor load that moves from a fault
-FEWEST = 4
+_PATTERNS = 3  # derived: load, and tilt in two directions
+_CHANNELS_OF_PATTERN = 3  # prior: at least, for each pattern that is left out
+_FEW = 4  # derived: channels, of which hum and roughness cannot be told apart
 _SMOOTH = np.ones(3) / 3  # choice
 _QUIET_PART = 0.25  # prior: of the bins, which show the noise
 # tuned: set on seeds 0 to 7 of the worlds of `sensors` in research/README.md (16 taxels, 35.6 Hz). Largest of
@@ -53,11 +56,14 @@ _QUIET_PART = 0.25  # prior: of the bins, which show the noise
 _AT_REST, _AT_REST_SDS = 0.4, 3.5
 _SLOPE = 4.0  # tuned: on the same seeds; log odds for each unit of log power beyond
 _LINE_AT_REST = 0.7  # tuned: twice the most at rest on the same seeds, in logarithms
+_ONCE = 0.6  # derived: of the excess: a slide through the window has a quarter in each
 _MOST = 1.4  # tuned: on the same seeds; log odds of one window by either: less than sliding needs
 
 # derived: mean phasor over mean size of phasors, of the phases or of twice the phases: 0 for phases that fill
 # the circle, at least 0.45 for a hum in any proportion of load and tilt on a row of taxels.
 _MOST_ALIKE = 0.4
+# derived: phases of fewer that are noise fill the circle by chance, or have a mean by chance
+_LEAST_CHANNELS = 6
 
 
 class Change(NamedTuple):
@@ -76,7 +82,7 @@ def travelling_line(z: NDArray[np.complex128], first_cycles: int) -> float:
     Of spectra (bins, channels) under a Hann window, each channel over its own standard deviation, whose first
     bin has `first_cycles` periods in the window; 0 where the line does not travel.
     """
-    if z.shape[1] < FEWEST_PHASES:
+    if z.shape[1] < _LEAST_CHANNELS:
         return 0.0
     power = (np.abs(z) ** 2).sum(axis=1)
     cycles = np.arange(len(z)) + first_cycles
@@ -128,23 +134,39 @@ def _strongest_patterns(found: _Spectra, noise: FloatArray) -> FloatArray:
     return np.asarray(patterns[: min(_n_patterns(z.shape[1]), rank)].T)
 
 
+def _happens_once(found: _Spectra) -> bool:
+    """Return True where most of what exceeds the noise is in one quarter of the window, as of a tap."""
+    n = len(found.readings)
+    readings, strongest = found.readings / np.sqrt(found.noise), _strongest_patterns(found, found.noise)
+    own = readings - readings @ strongest @ strongest.T
+    power = (own**2).mean(axis=1)[: n // 4 * 4].reshape(4, -1).mean(axis=1)
+    # A quarter of exponentially distributed power is below 0.29 of its mean; a Hann window has 3/8 of n.
+    noise = 1 / (-np.log(1 - _QUIET_PART) * 0.375 * n)
+    excess = np.maximum(power - noise, 0.0)
+    return bool(excess.max() > _ONCE * excess.sum())
+
+
 def _n_patterns(channels: int) -> int:
-    """Number of patterns that are left out: load, and tilt in two directions; one for each three channels."""
-    return min(3, channels // 3)
+    """Number of patterns that are left out."""
+    return min(_PATTERNS, channels // _CHANNELS_OF_PATTERN)
 
 
 def _log_odds(found: _Spectra, own: FloatArray, at_rest: FloatArray | None) -> float:
     """Log odds of sliding, given the `_own_power` (bins,) of a window and that at rest, where it is known."""
     bins, channels = found.z.shape
     n_free = channels - _n_patterns(channels)
-    if channels < FEWEST:
+    if channels < _FEW:
         return -_MOST
     sd = float(1 / np.sqrt(2 * n_free))
     if at_rest is None:
-        at_rest = np.full(bins, np.sort(own)[int(_QUIET_PART * bins)])
-    ratio = np.convolve(own, _SMOOTH, "valid") / np.convolve(at_rest, _SMOOTH, "valid").clip(1e-12)
+        level = np.sort(own)[int(_QUIET_PART * bins)]
+        ratio = np.convolve(own, _SMOOTH, "valid") / max(float(level), 1e-12)
+    else:
+        ratio = np.convolve(own, _SMOOTH, "valid") / np.convolve(at_rest, _SMOOTH, "valid").clip(1e-12)
     growth = float(np.log(max(float(ratio.max()), 1e-12)))
     rough = float(np.clip(_SLOPE * (growth - _AT_REST - _AT_REST_SDS * sd), -_MOST, _MOST))
+    if rough > 0 and _happens_once(found):
+        rough = 0.0
     ripple = _ripple_odds(found)
     return rough if ripple <= 0 else max(rough, 0.0) + ripple
 
@@ -201,8 +223,18 @@ class SlidingTracker:
         self._n_stopped = 0
         self.slides = False
 
-    def process(self, held: HeldReadings, touches: NDArray[np.bool_]) -> list[Change]:
-        """Return the changes that the scans complete; `touches` (n,) says which are in contact."""
+    def process(
+        self, held: HeldReadings, touches: NDArray[np.bool_], swings: NDArray[np.bool_]
+    ) -> list[Change]:
+        """Return the changes that the scans complete.
+
+        Parameters
+        ----------
+        touches : (n,)
+            Which are in contact.
+        swings : (n,)
+            Which are in none, while taxels are known to swing at rest: what they show is rest.
+        """
         changes: list[Change] = []
         for row, steps in enumerate(held.steps):
             touching = bool(touches[row])
@@ -213,11 +245,11 @@ class SlidingTracker:
             self._sum = self._sum + steps
             self._is_read = self._is_read & held.ok[row]
             self._n_summed += 1
-            if self._n_summed == self._mean_of and (change := self._add(row)):
+            if self._n_summed == self._mean_of and (change := self._add(row, bool(swings[row]))):
                 changes.append(change)
         return changes
 
-    def _add(self, row: int) -> Change | None:
+    def _add(self, row: int, swings: bool) -> Change | None:
         place = self._n % self._size
         self._window[place] = self._sum / self._mean_of
         self._is_good[place] = self._is_read
@@ -226,9 +258,9 @@ class SlidingTracker:
         self._n += 1
         if self._n < self._size or self._n % self._hop:
             return None
-        return self._look(row)
+        return self._look(row, swings)
 
-    def _look(self, row: int) -> Change | None:
+    def _look(self, row: int, swings: bool) -> Change | None:
         """Look at the window, which is full and ends at a scan."""
         order = np.arange(self._n, self._n + self._size) % self._size
         readings, good = self._window[order], self._is_good[order]
@@ -248,7 +280,7 @@ class SlidingTracker:
         found = _spectra(readings, np.maximum(rounding, ROUNDING))
         rest = self._rest
         noise = rest.noise(used, found.noise)
-        gained = self._gained(found, noise)
+        gained = _NO_RIPPLE if swings else self._gained(found, noise)
         self._odds = float(np.clip(self._odds + gained, 0.0, _BOUND))
         if self._odds == 0.0:
             self._since_hop = self._n
@@ -260,7 +292,7 @@ class SlidingTracker:
             self._n_stopped, self._activities = 0, []
             n = (self._n - self._since_hop + self._size // 2) * self._mean_of
             return Change(row, True, self._odds, min(n, self._unchanged))
-        elif gained < 0:
+        elif gained < 0 and self._odds < _LEARNS_BELOW:
             if touching.all() != rest.is_of_contact:  # the new state soon outweighs the old
                 rest.n, rest.is_of_contact = min(rest.n, _KNOWN_HOPS), bool(touching.all())
             rest.learn(used, found.noise, _own_power(found, noise))
@@ -287,7 +319,7 @@ class SlidingTracker:
         newest = np.diff(readings[-self._hop :, is_read], axis=0)
         activity = float((newest**2).mean())
         self._activities = [*self._activities[-_MEMORY_HOPS:], activity]
-        is_still = activity < STOPPED * float(median(np.array(self._activities)))
+        is_still = activity < _STOPPED * float(median(np.array(self._activities)))
         self._n_stopped = self._n_stopped + 1 if is_still else 0
         return self._n_stopped >= _STOPPED_HOPS
 

@@ -22,7 +22,8 @@ def found(course: FloatArray, *, is_gross: bool = False, spread: float = 0.0, n:
     contact = SimpleNamespace(
         signs=SimpleNamespace(ratio_noise=1e-4),
         friction_now=(0.7, 0.8, 0.9),
-        posterior=SimpleNamespace(p_sliding_now=0.3 * is_gross, p_incipient=0.9),
+        p_sliding_now=0.3 * is_gross,
+        p_incipient=0.9,
         load=1.0,
         total_x=course[-1, 0],
         total_y=course[-1, 1],

@@ -212,7 +212,7 @@ def test_what_is_published_follows_the_slip_that_is_open(weights: list[float], i
         assert contact.posterior.p_sliding >= 0.5 / 3
         assert contact.friction == pytest.approx((0.45, 0.5, 0.5 / 0.9))
     else:
-        assert contact.posterior.p_sliding == contact.posterior.p_sliding_now
+        assert contact.posterior.p_sliding == contact.p_sliding_now
 
 
 @given(POSITIVE, st.floats(-30, 30), st.floats(1e-6, 1e6), st.floats(0.05, 3), st.booleans(), st.booleans())

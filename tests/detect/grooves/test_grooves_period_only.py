@@ -16,9 +16,9 @@ from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import Outcome, PeriodOnly, Refusal
 from tactiled.detect.grooves.params import JointParams, WaveParams
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line, period_range, spectral_lines
+from tactiled.detect.grooves.swings import swing_spectrum
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.signal.slip_gate import KnownSliding
-from tactiled.detect.signal.swings import swing_spectrum
 from tactiled.detect.sliding.sliding_detector import LOOKS_BACK_S
 from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.events.types import Candidate, Event, TextureEvent, TextureStatus

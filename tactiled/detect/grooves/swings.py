@@ -1,20 +1,18 @@
 """Spectrum of the readings of a window, and which of its bins belong to a line."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.window import trend_basis
 
 HARMONICS = (2, 3)  # prior: a higher harmonic is never the strongest line of a ridge
 _TREND_ORDER = 3  # choice
 LEAST_CYCLES = _TREND_ORDER  # periods in the window: a cubic trend leaves humps of fewer
+_LEAST_SD = 1e-12  # derived: of the readings: less is the rounding of the trend
 LOBE = 2  # derived: bins to either side that a Hann window spreads a line over
-# derived: channels or taxels: phases of fewer that are noise fill the circle by chance, or have a mean by
-# chance
-FEWEST_PHASES = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,15 +25,6 @@ class SwingSpectrum:
     values: NDArray[np.complex128]  # (bins, channels): bin b has b periods in the window
 
 
-@lru_cache(maxsize=16)  # windows that have their full length ask for the same few
-def trend_basis(n: int, order: int) -> FloatArray:
-    """Orthonormal polynomials of up to `order` on n even steps: (n, order + 1), read-only."""
-    steps = np.linspace(-1.0, 1.0, n)
-    basis = np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(steps, order))[0])
-    basis.flags.writeable = False
-    return basis
-
-
 def swing_spectrum(readings: FloatArray) -> SwingSpectrum:
     """Spectrum of finite readings (n, channels), in any unit."""
     trend = trend_basis(len(readings), _TREND_ORDER)
@@ -43,7 +32,7 @@ def swing_spectrum(readings: FloatArray) -> SwingSpectrum:
     centred = np.asarray(centred - trend @ (trend.T @ centred))
     sd, size = centred.std(axis=0), np.abs(readings).max(axis=0)
     values = np.fft.rfft(np.hanning(len(readings))[:, np.newaxis] * centred, axis=0)
-    return SwingSpectrum(centred, np.where(sd > 1e-12 * size, sd, 0.0), values)
+    return SwingSpectrum(centred, np.where(sd > _LEAST_SD * size, sd, 0.0), values)
 
 
 def apart_from(cycles: NDArray[np.int64], line: int) -> NDArray[np.bool_]:
