@@ -24,7 +24,7 @@ class Bench(NamedTuple):
     module: str
     code: tuple[str, ...]
     answers: str = ""
-    """Module with `answers()`, which change whenever a change of the code changes results; empty for none."""
+    """Module with `answers()` to a few inputs, which a test compares with those of a figure."""
 
 
 BENCHES = {

@@ -1,12 +1,12 @@
 """Hold an object of unknown weight and friction with as little force as is safe.
 
-docs/hold.md has the commands that try it on an emulated object. What `GripController` assumes of a hand is
-in its module; replace `EmulatedGripper` by yours.
+docs/hold.md has the commands. Replace `EmulatedGripper` by your hand: its module says what is assumed.
 """
 
 import json
 import socket
 import sys
+import time
 
 from tactiled.client import GripController, GripMessage, Stale, Subscription
 
@@ -25,8 +25,8 @@ class EmulatedGripper:
         """Command a force; return the one that is exerted now. Ends the program when the scene is over."""
         self._socket.sendall(json.dumps({"grip_n": force_n}).encode() + b"\n")
         answer = json.loads(self._answers.readline())
-        if answer["fallen"]:
-            sys.exit("dropped")
+        if not answer["ok"] or answer["fallen"]:
+            sys.exit(answer.get("error", "dropped"))
         if answer["scene_s"] >= answer["duration_s"]:
             print(f"held with {answer['grip_n']:.1f} N", file=sys.stderr)
             sys.exit()
@@ -39,13 +39,13 @@ def main(address: str, endpoint: str = "tcp://127.0.0.1:9872") -> None:
     present_n = gripper.move(controller.command_n)
     with Subscription(endpoint, topics=("grip",)) as subscription:
         while True:
-            match subscription.next_item():
+            match subscription.next_item(time.monotonic() + 0.1):
                 case GripMessage(data=grip) if subscription.fresh:
                     present_n = gripper.move(controller.take(grip, present_n))
                     if grip["timestamp"] > said_s + SAY_S:
                         said_s = grip["timestamp"]
                         print(f"{present_n:.1f} N {grip['state']} {grip['utilisation']:.2f}", file=sys.stderr)
-                case Stale():
+                case Stale() | None:
                     present_n = gripper.move(controller.blind())
 
 

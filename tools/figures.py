@@ -40,7 +40,7 @@ _OTHER = re.compile(
 _BEGINNING = re.compile(r"<!--.*?-->|\n\s*\n|\n(?=\s*(?:[-|#>] |\d+\. ))", re.DOTALL)  # of what a mark covers
 _NOT_WORDS = re.compile(r"`[^`]*`|\]\([^)]*\)|\A\s*\d+\. ")  # code, addresses of links, number of a list item
 _NUMBER = re.compile(r"(?<!\w)[-\u2212]?\d+(?:,\d{3})*(?:\.\d+)?")
-_RATIO = re.compile(r"(?<!\w)(\d[\d,]*) of (\d[\d,]*)(?![\d.]| ?%)")
+_RATIO = re.compile(r"(?<!\w)(\d+(?:,\d{3})*) of (\d+(?:,\d{3})*)(?!,?\d|\.\d| ?%)")
 
 
 @dataclass(frozen=True)
@@ -104,8 +104,6 @@ class Figure:
 
     def _age(self) -> str:
         """Say whether a later commit touched what was measured."""
-        if self.answers is not None:
-            return ""
         if not self.commit:
             return UNKNOWN
         later = f"{self.commit.removesuffix('-dirty')}..HEAD"

@@ -26,7 +26,7 @@ def test_a_tutorial_prints_what_it_shows(page: str, heading: str, commands: int,
 @pytest.mark.alone
 def test_the_tutorial_of_the_grip_holds_what_it_does_not_know(tmp_path: Path) -> None:
     page = DOCS / "hold.md"
-    with Reader(tmp_path, tolerance=0.7) as reader:  # the limits of the page follow
+    with Reader(tmp_path, tolerance=0.7, may_skip=True) as reader:  # the limits of the page follow
         reader.follow(page, "Try it")
         assert reader.commands == ["python examples/hold.py unix://gripper"]
     least_n, most_n = map(float, re.findall(r"a force from (\S+) to (\S+) N", page.read_text())[0])

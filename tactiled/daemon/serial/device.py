@@ -100,9 +100,11 @@ def keep_others_out(fd: int) -> None:
     A pty is left open for others: its other end outlives this process, and would keep the mark of a daemon
     that was killed.
     """
+    with contextlib.suppress(OSError):
+        if os.ttyname(fd).startswith("/dev/pts/"):
+            return
     with contextlib.suppress(OSError, termios.error):
-        if not os.ttyname(fd).startswith("/dev/pts/"):
-            fcntl.ioctl(fd, termios.TIOCEXCL)
+        fcntl.ioctl(fd, termios.TIOCEXCL)
 
 
 def same_device(fd: int, url: str) -> bool:

@@ -98,6 +98,16 @@ def test_a_rough_slide_is_one_slip_without_direction(seed: int) -> None:
     assert onset.direction_sd_deg == UNKNOWN_SD_DEG
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_burst_in_the_readings_is_no_slide(seed: int) -> None:
+    """Each channel has its own, as of a cable that is knocked: no motion of a rigid body."""
+    rng, t = np.random.default_rng(seed), np.arange(2000)[:, np.newaxis] / 100.0
+    readings = 400 * np.clip(t - 4, 0, 1) + rng.standard_normal((2000, 16))
+    is_burst = np.abs(t - 13 - rng.uniform()) < 0.15
+    readings += 20 * rng.standard_normal(readings.shape) * is_burst
+    assert slips(detector().process(regular_block(readings, 100.0))) == []
+
+
 @pytest.mark.parametrize(("n_live", "slides"), [(4, True), (3, False)])
 def test_load_that_moves_is_told_of_four_channels_that_are_read(n_live: int, slides: bool) -> None:
     t = np.arange(N)[:, np.newaxis] / RATE_HZ

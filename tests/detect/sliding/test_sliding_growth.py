@@ -81,6 +81,16 @@ def test_creep_tremor_and_taps_are_no_slip(kinds: tuple[str, ...], seed: int) ->
 
 
 @kinds_of
+@pytest.mark.parametrize("takes_s", [0.01, 1.5])
+def test_a_step_of_one_channel_is_no_slip(kinds: tuple[str, ...], takes_s: float) -> None:
+    """A loose contact or a chip at fault: a tug shows in more channels than one."""
+    unit, n_channels = (1.0 if kinds == FIELD else 0.005), 5 * len(kinds)
+    readings = 300 + np.random.default_rng(1).standard_normal((2 * N, n_channels))
+    readings[:, 4] += 100 * np.clip((np.arange(2 * N) / RATE_HZ - 12) / takes_s, 0, 1)
+    assert slips(detector(kinds).process(regular_block(unit * readings, RATE_HZ))) == []
+
+
+@kinds_of
 def test_a_press_in_the_hold_does_not_hide_a_slow_tug(kinds: tuple[str, ...]) -> None:
     press = 1000 * np.clip((T - 0.5) / 0.5, 0, 1)
     slow = 100 * np.clip((T - 5.5) / 3, 0, 1)
