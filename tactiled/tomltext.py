@@ -27,6 +27,8 @@ _STRING_OR_COMMENT = re.compile(
 _LONG_WORD = re.compile(rf"[\w+.-]{{{_WORD_CHARACTERS + 1},}}")
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{_DEPTH},}}[\w-]")
 _BRACKET = re.compile(r"[][{}]")
+_HEADER = re.compile(r"[ \t]*\[+[ \t]*([\w.-]+)[ \t]*\]")
+_KEY = re.compile(r"[ \t]*([\w.-]+)[ \t]*=")
 
 
 def locate(name_or_path: str, kind: str) -> Path:
@@ -69,7 +71,7 @@ def read(path: Path) -> dict[str, Any]:
 
 
 def _excess(text: str) -> str:
-    """Return what a TOML text has too much of for its parser, with its line; empty where nothing is.
+    """Return what a TOML text has too much of for its parser, with its place; empty where nothing is.
 
     `tomllib` calls itself for each bracket, takes quadratic time for dotted keys, and raises no error of its
     own for a long number.
@@ -79,14 +81,14 @@ def _excess(text: str) -> str:
     )
     if word := _LONG_WORD.search(bare):
         n = len(word[0])
-        return f"{_line(bare, word)}: a word or number of {n} characters; at most {_WORD_CHARACTERS}"
+        return f"{_place(bare, word.start())}: a word or number of {n} characters; at most {_WORD_CHARACTERS}"
     if key := _LONG_KEY.search(bare):
-        return f"{_line(bare, key)}: a key of more than {_DEPTH} parts"
+        return f"{_place(bare, key.start())}: a key of more than {_DEPTH} parts"
     depth = 0
     for bracket in _BRACKET.finditer(bare):
         depth += 1 if bracket[0] in "[{" else -1
         if depth > _DEPTH:
-            return f"{_line(bare, bracket)}: more than {_DEPTH} brackets in one another"
+            return f"{_place(bare, bracket.start())}: more than {_DEPTH} brackets in one another"
     return ""
 
 
@@ -106,5 +108,14 @@ def _with_nul(value: object, name: str = "") -> str:
     return ""
 
 
-def _line(bare: str, found: re.Match[str]) -> str:
-    return f"line {bare.count(chr(10), 0, found.start()) + 1}"
+def _place(bare: str, position: int) -> str:
+    """Name the table, the key and the line of a place in a TOML text without strings and comments."""
+    before = bare[: position + 1]
+    table = key = ""
+    for line in before.splitlines():
+        if found := _HEADER.match(line):
+            table, key = f"{found[1]}.", ""
+        elif found := _KEY.match(line):
+            key = found[1]
+    name = shown((table + key).rstrip(".")).strip("'")
+    return f"{name or 'text'} (line {before.count(chr(10)) + 1})"

@@ -403,7 +403,7 @@ def test_readings_beyond_the_range_name_the_key_to_set(
         ({"plot": Path("/nonexistent/x.png")}, "a folder that exists"),
         ({"plot": Path("x.exe")}, r"name a \.png"),
         ({"path": Path("log.docx")}, r"unknown kind of file; known are .* or a folder\)$"),
-        ({"path": Path("log.parquet")}, "unknown kind of file; known are our recordings"),
+        ({"path": Path("log.parquet")}, r'pandas\.read_parquet\("log\.parquet"\)\.to_csv\("log\.csv"'),
         ({"path": Path("none.mcap")}, "No such file"),
         ({"path": Path("log.mcap"), "array": "normal-4x4"}, "a recording contains its array"),
         ({"array": "normal-4x4"}, "36 channels, but array normal-4x4 has 16"),

@@ -27,20 +27,20 @@ def fault_of(folder: Path, text: str) -> str:
     [
         (
             "[port]\nurl = " + "[" * 5000 + "]" * 5000,
-            "line 2: more than 32 brackets in one another",
+            "port.url (line 2): more than 32 brackets in one another",
         ),
-        ("[port]\nurl = " + "{a=" * 5000, "line 2: more than 32 brackets in one another"),
-        ("a = [\n" * 5000, "line 33: more than 32 brackets in one another"),
+        ("[port]\nurl = " + "{a=" * 5000, "port.url (line 2): more than 32 brackets in one another"),
+        ("a = [\n" * 5000, "a (line 33): more than 32 brackets in one another"),
         (
             "[a]\nx = '''\n[b]'''\nbaud = " + "9" * 5000,
-            "line 4: a word or number of 5000 characters",
+            "a.baud (line 4): a word or number of 5000 characters",
         ),
-        ("baud = 0x" + "f" * 5000, "line 1: a word or number of 5002 characters"),
-        ("a." * 100_000 + "b = 1", "line 1: a word or number of 200001 characters"),
+        ("baud = 0x" + "f" * 5000, "baud (line 1): a word or number of 5002 characters"),
+        ("a." * 100_000 + "b = 1", "text (line 1): a word or number of 200001 characters"),
         ('[board]\narray = "a\\u0000b"', "board.array: has the character NUL"),
         ('a = [1, {b = "\\u0000"}]', "a.1.b: has the character NUL"),
         ('"\\u0000" = 1', "\\x00: has the character NUL"),
-        ("[x]\n" + '"a" . ' * 100_000 + "b = 1", "line 2: a key of more than 32 parts"),
+        ("[x]\n" + '"a" . ' * 100_000 + "b = 1", "x (line 2): a key of more than 32 parts"),
     ],
 )
 def test_what_exhausts_the_parser_is_named_with_its_place(tmp_path: Path, text: str, fault: str) -> None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from tactiled import tomlfile
 from tactiled.config import Setup, default_config, load_config
 from tactiled.doctor.abilities import abilities
 from tactiled.doctor.board import check_board
@@ -13,14 +14,15 @@ from tactiled.errors import ConfigError
 
 
 def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> list[Finding]:
-    """Run all checks; none with an invalid configuration, but that of a port that is given beside it."""
+    """Run all checks; with an invalid configuration, check only the port."""
     try:
         setup = default_config(port or "") if config is None else load_config(config, port)
     except ConfigError as error:
         broken = [Finding("configuration", "fail", f"{error.source}: {fault}") for fault in error.faults]
         words = "board, array, endpoints, keys and disk were not checked because the configuration is invalid"
         broken.append(Finding("the rest", "warn", words, "correct the configuration, then run doctor again"))
-        return [*broken, *(check_port(port) if port else [])]
+        url = port or _named_port(config)
+        return [*broken, *(check_port(url) if url else [])]
     source = str(config) if config is not None else "defaults"
     rest = _with_setup(setup, speed_mm_s, is_configured=config is not None)
     return [Finding("configuration", "ok", f"{source}: valid"), *rest]
@@ -46,3 +48,13 @@ def _with_setup(setup: Setup, speed_mm_s: float, *, is_configured: bool) -> list
     findings += check_endpoints(publish, is_running, is_configured=is_configured)
     findings += check_keys(publish)
     return [*findings, *check_disk(setup.config.record)]
+
+
+def _named_port(config: Path | None) -> str:
+    """Port named by a configuration that may be invalid otherwise; "" when it names none."""
+    try:
+        table = tomlfile.read(config)["port"] if config is not None else {}
+    except (ConfigError, KeyError):
+        return ""
+    url = table.get("url") if isinstance(table, dict) else None
+    return url if isinstance(url, str) else ""

@@ -45,7 +45,10 @@ def kind_of(path: Path, topic: str | None) -> Literal["recording", "table", "bag
         known = (
             f"our recordings (.mcap), tables ({', '.join(TABLES)}) and bags ({', '.join(BAGS)} or a folder)"
         )
-        raise DataError(f"{path}: unknown kind of file; known are {known}")
+        remedy = ""
+        if path.suffix == ".parquet":
+            remedy = f'; `pandas.read_parquet("{path}").to_csv("log.csv", index=False)` makes a table of it'
+        raise DataError(f"{path}: unknown kind of file; known are {known}{remedy}")
     return "table"
 
 

@@ -147,8 +147,8 @@ def test_the_report_is_text_or_json_lines(config: Path, capsys: pytest.CaptureFi
 
 def test_a_broken_set_up_has_every_fault_named(tmp_path: Path) -> None:
     path = tmp_path / "t.toml"
-    path.write_text('[port]\nurl = "a"\nbauds = 3\n[session]\nrate = 100\n')
-    faults = failed(examine(path, "/dev/ttyUSB77"))
+    path.write_text('[port]\nurl = "/dev/ttyUSB77"\nbauds = 3\n[session]\nrate = 100\n')
+    faults = failed(examine(path, None))
     assert any("port.bauds: unknown key" in fault for fault in faults)
     assert any("use rate_hz" in fault for fault in faults)
     assert any("/dev/ttyUSB77: no such port" in fault for fault in faults)
