@@ -185,7 +185,7 @@ class BoardRunner:
             arguments = {"handover_s": port.handover_s}
             _, events = self._pipeline.command("adapter", arguments, now_s)
             self._took_input("adapter", arguments, events, now_s)
-        self.act(self._link.opened(now_s, self._framing_errors()))
+        self.act(self._link.opened(now_s, self._framing_errors(), is_pty=port.is_pty))
 
     def _received(self, data: bytes) -> None:
         now_s, server = time.monotonic(), self._shared.publisher.server

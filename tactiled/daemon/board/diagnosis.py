@@ -24,8 +24,6 @@ from tactiled.pipeline import Health
 
 SEARCH_ADVICE = "; stop tactiled, then run tactiled doctor: it looks for both"
 """End of a fault where baud rate or protocol may be wrong; the doctor, which reads the port, omits it."""
-OVERLOAD = "it flags overruns, so its processor is too slow for its rate: lower session.rate_hz"
-"""Advice for a board that misses scan instants."""
 
 HICCUP_S = 1.0  # shortest silence or noise for which a cause is named
 _WINDOW_S = 10.0  # length of the sliding window over which damaged bytes and missed scans are counted
@@ -51,8 +49,9 @@ class LineWatch:
         self._baud = baud
         self.reset(0.0)
 
-    def reset(self, now_s: float) -> None:
-        """Begin with a port that was just opened."""
+    def reset(self, now_s: float, *, is_pty: bool = False) -> None:
+        """Begin with a port that was just opened; behind a pty is a program, not a cable with a board."""
+        self._is_pty = is_pty
         self._overrun_s = -math.inf
         self._first: Health | None = None
         self.byte_s = now_s
@@ -115,6 +114,16 @@ class LineWatch:
         """True when the board flagged missed scan instants within `_WINDOW_S` before its last byte."""
         return self._overrun_s >= self.byte_s - _WINDOW_S
 
+    @property
+    def overload(self) -> str:
+        """Advice for a board that misses scan instants."""
+        if self._is_pty:
+            return (
+                "it flags overruns, and it is a program on a pseudo-terminal (tactiled emulate?): its host "
+                "is too slow or too busy"
+            )
+        return "it flags overruns, so its processor is too slow for its rate: lower session.rate_hz"
+
     def warning(self) -> str:
         """Return the faults of a line on which frames do arrive; empty for none."""
         if self._newest is None or not self._marks:
@@ -137,7 +146,7 @@ class LineWatch:
         if overrun >= least:
             words.append(
                 f"the board missed {overrun} of its last {due} scan instants, and what came is intact: "
-                f"{OVERLOAD}"
+                f"{self.overload}"
             )
         if not lost and dropped >= least:
             words.append(
@@ -149,7 +158,12 @@ class LineWatch:
     def _silence(self) -> str:
         """Likely cause of a silent line, from what was received before."""
         if self.is_overloaded:
-            return f"no bytes arrive any more from a board that missed scan instants before: {OVERLOAD}"
+            return f"no bytes arrive any more from a board that missed scan instants before: {self.overload}"
+        if self._is_pty:
+            return (
+                "no bytes arrive: this port is a pseudo-terminal, so a program plays the board (tactiled "
+                "emulate?): is it running, and is this host fast enough for it?"
+            )
         framed = self._newest.bytes_framed if self._newest is not None else 0
         if self._first is not None and framed > self._first.bytes_framed:
             return "no bytes arrive any more, and frames did: is the board powered, is it plugged in?"

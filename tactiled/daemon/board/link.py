@@ -56,9 +56,11 @@ class BoardLink:
         self._patience_s = SILENT_S
         self._watched_s, self._awake_s = math.inf, -math.inf
 
-    def opened(self, now_s: float, framing_errors: int | None = None) -> list[Command]:
+    def opened(
+        self, now_s: float, framing_errors: int | None = None, *, is_pty: bool = False
+    ) -> list[Command]:
         """Begin with a port that was just opened; returns the commands to send first."""
-        self._line.reset(now_s)
+        self._line.reset(now_s, is_pty=is_pty)
         self._line.count(self.pipeline.health(), framing_errors, now_s)
         return self.session.opened(now_s)
 

@@ -28,7 +28,7 @@ from collections.abc import Callable
 from pydantic import Field
 
 from tactiled.daemon.board.asking import ANSWER_S, Asking, Pinging
-from tactiled.daemon.board.diagnosis import OVERLOAD, LineWatch
+from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.errors import ConfigError
 from tactiled.events.types import BoardState
 from tactiled.pipeline import RATES_HZ
@@ -291,7 +291,7 @@ class Session:
         if put_off := self._asking.put_off:
             return f"the board is busy and puts off {put_off}: it is asked again until it is ready"
         if (unanswered := self._asking.unanswered) and self._line.is_overloaded:
-            return f"the board does not answer {unanswered} in time: {OVERLOAD}"
+            return f"the board does not answer {unanswered} in time: {self._line.overload}"
         if unanswered:
             return f"the board sends but does not answer {unanswered}: is the line to it broken?"
         if self._stalled:

@@ -29,6 +29,14 @@ _TIOCGICOUNT = 0x545D  # asm-generic/ioctls.h; termios has no name for it
 _ICOUNTER = struct.Struct("20i")
 
 
+def is_pty(fd: int) -> bool:
+    """Return True for a pseudo-terminal, which has a program at its other end instead of a cable."""
+    try:
+        return os.ttyname(fd).startswith("/dev/pts/")
+    except OSError:
+        return False
+
+
 def is_url(url: str) -> bool:
     """Return True for ``socket://...`` and the like, which are no devices of this host."""
     return "://" in url
@@ -100,11 +108,9 @@ def keep_others_out(fd: int) -> None:
     A pty is left open for others: its other end outlives this process, and would keep the mark of a daemon
     that was killed.
     """
-    with contextlib.suppress(OSError):
-        if os.ttyname(fd).startswith("/dev/pts/"):
-            return
     with contextlib.suppress(OSError, termios.error):
-        fcntl.ioctl(fd, termios.TIOCEXCL)
+        if not is_pty(fd):
+            fcntl.ioctl(fd, termios.TIOCEXCL)
 
 
 def same_device(fd: int, url: str) -> bool:

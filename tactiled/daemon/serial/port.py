@@ -117,6 +117,11 @@ class SerialPort:
             and not devices.same_device(self._fd, self._url)
         )
 
+    @property
+    def is_pty(self) -> bool:
+        """True for a pseudo-terminal, which has a program at its other end instead of a cable."""
+        return self._fd is not None and devices.is_pty(self._fd)
+
     def errors(self) -> LineErrors | None:
         """Return the error counts of the UART's driver; None where it keeps none."""
         return devices.line_errors(self._fd) if self._fd is not None else None

@@ -179,10 +179,10 @@ def test_unknown_frames_have_no_layout_name() -> None:
     assert frames_of(b"".join(scans(LEGACY, 3)), {"a": LAYOUT, "b": LEGACY}) == "b"
 
 
-def overloaded(*, flags: bool = True) -> tuple[LineWatch, Health, float]:
+def overloaded(*, is_pty: bool, flags: bool = True) -> tuple[LineWatch, Health, float]:
     """A watch on ten seconds of intact frames, each fifth scan instant missed; what it counted, and when."""
     watch = LineWatch("x", BAUD)
-    watch.reset(0.0)
+    watch.reset(0.0, is_pty=is_pty)
     watch.count(EMPTY, None, 0.0)
     health, now_s = EMPTY, 0.0
     for k in range(1, 101):
@@ -205,21 +205,24 @@ def overloaded(*, flags: bool = True) -> tuple[LineWatch, Health, float]:
 CABLE = ("cable", "ground", "connectors", "noise", "powered", "swapped")
 
 
-def test_a_board_that_flags_overruns_is_overloaded_and_its_cable_is_good() -> None:
-    watch, health, now_s = overloaded()
+@pytest.mark.parametrize(
+    ("is_pty", "advice"), [(False, "lower session.rate_hz"), (True, "its host is too slow or too busy")]
+)
+def test_a_board_that_flags_overruns_is_overloaded_and_its_cable_is_good(is_pty: bool, advice: str) -> None:
+    watch, health, now_s = overloaded(is_pty=is_pty)
     warning = watch.warning()
     assert re.search(r"the board missed \d+ of its last \d+ scan instants", warning)
-    assert "lower session.rate_hz" in warning
+    assert advice in warning
     later_s = now_s + 27.0  # it fell silent: nothing else has changed
     watch.count(health, None, later_s)
     fault = watch.fault(later_s)
     assert "missed scan instants before" in fault
-    assert "lower session.rate_hz" in fault
+    assert advice in fault
     assert not [word for word in CABLE if word in warning + fault]
 
 
 def test_a_board_on_a_port_that_is_opened_anew_is_not_called_overloaded_for_the_one_before() -> None:
-    watch, health, now_s = overloaded()
+    watch, health, now_s = overloaded(is_pty=False)
     watch.reset(now_s + 1.0)
     watch.count(health, None, now_s + 1.0)
     assert not watch.is_overloaded
@@ -227,9 +230,19 @@ def test_a_board_on_a_port_that_is_opened_anew_is_not_called_overloaded_for_the_
 
 
 def test_scans_that_are_missing_between_intact_frames_are_not_blamed_on_the_cable() -> None:
-    watch, _, _ = overloaded(flags=False)
+    watch, _, _ = overloaded(is_pty=False, flags=False)
     assert "whole frames were left out, by a full buffer" in watch.warning()
     assert not [word for word in CABLE if word in watch.warning()]
+
+
+def test_a_silent_pseudo_terminal_has_no_cable() -> None:
+    watch = LineWatch("x", BAUD)
+    watch.reset(0.0, is_pty=True)
+    watch.count(EMPTY, None, 0.0)
+    fault = watch.fault(27.0)
+    assert fault.startswith("no bytes arrive: this port is a pseudo-terminal")
+    assert "is it running, and is this host fast enough for it?" in fault
+    assert not [word for word in CABLE if word in fault]
 
 
 def test_a_board_that_has_sent_frames_has_no_swapped_lines() -> None:
