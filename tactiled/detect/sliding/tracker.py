@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.grooves.swings import LEAST_CYCLES, apart_from, swing_spectrum
+from tactiled.detect.grooves.swings import LEAST_CYCLES, LOBE, apart_from, swing_spectrum
 from tactiled.detect.signal.median import median
 from tactiled.detect.signal.pressure import ROUNDING
 from tactiled.detect.signal.quantise import HeldReadings
@@ -94,7 +94,14 @@ def travelling_line(z: NDArray[np.complex128], first_cycles: int) -> float:
     others = apart_from(cycles, int(cycles[peak]))
     if not others.any():
         return 0.0
-    return float(np.log(max(power[peak], 1e-30) / max(float(power[others].max()), 1e-30)))
+    background = max(float(power[others].max()), 1e-30)
+    if peak == 0:
+        # Channels that creep, each on its own, have most in the first bin: power that falls with the square
+        # of frequency, as that of a random walk. What the bins beside the lobe show of it is no line.
+        beside = slice(LOBE + 1, 2 * LOBE + 2)
+        of_creep = power[beside] * (cycles[beside] / cycles[0]) ** 2
+        background = max(background, float(of_creep.mean()))
+    return float(np.log(max(power[peak], 1e-30) / background))
 
 
 class _Spectra(NamedTuple):

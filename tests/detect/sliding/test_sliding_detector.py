@@ -108,6 +108,24 @@ def test_a_burst_in_the_readings_is_no_slide(seed: int) -> None:
     assert slips(detector().process(regular_block(readings, 100.0))) == []
 
 
+@pytest.mark.parametrize("step", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_channels_that_creep_each_on_its_own_do_not_slide(seed: int, step: float) -> None:
+    """A random walk has a spectrum whose strongest bin is the first one, with phases that fill the circle."""
+    rng, n = np.random.default_rng(seed), round(40 * RATE_HZ)
+    t = np.arange(n)[:, np.newaxis] / RATE_HZ
+    creep = step * np.cumsum(rng.standard_normal((n, 16)) * (t > 2), axis=0)
+    readings = 500 * np.clip(t - 1, 0, 1) + creep + 0.3 * rng.standard_normal((n, 16))
+    found = slips(detector().process(regular_block(np.rint(readings), RATE_HZ)))
+    assert [slip.kind for slip in found if slip.kind == "gross"] == []
+
+
+@pytest.mark.parametrize(("period_mm", "part"), [(1.5, 0.01), (3.0, 0.01), (6.0, 0.01), (12.0, 0.05)])
+def test_a_ripple_that_travels_is_a_slide(period_mm: float, part: float) -> None:
+    found = slips(detector().process(hold(0, part / 0.05 * ridges(period_mm))))
+    assert any(slip.kind == "gross" for slip in found)
+
+
 @pytest.mark.parametrize(("n_live", "slides"), [(4, True), (3, False)])
 def test_load_that_moves_is_told_of_four_channels_that_are_read(n_live: int, slides: bool) -> None:
     t = np.arange(N)[:, np.newaxis] / RATE_HZ
