@@ -12,7 +12,8 @@ A figure is a file that ``./run bench NAME --json docs/figures/NAME.json`` write
   or in the first cell of its row. Where the figure has "A of B", so must the page for the same B.
 - ``<!-- from elsewhere -->``: the numbers before it are of no figure.
 
-With ``--check`` it writes nothing, and fails where pages and figures differ.
+With ``--check`` it writes nothing, and fails where pages and figures differ. Tables that it writes have the
+interval after each proportion.
 """
 
 import json
@@ -21,6 +22,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from math import sqrt
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,6 +42,7 @@ _OTHER = re.compile(
 _BEGINNING = re.compile(r"<!--.*?-->|\n\s*\n|\n(?=\s*(?:[-|#>] |\d+\. ))", re.DOTALL)  # of what a mark covers
 _NOT_WORDS = re.compile(r"`[^`]*`|\]\([^)]*\)|\A\s*\d+\. ")  # code, addresses of links, number of a list item
 _NUMBER = re.compile(r"(?<!\w)[-\u2212]?\d+(?:,\d{3})*(?:\.\d+)?")
+_Z = 1.96  # quantile of 97.5 % of a normal variable
 _RATIO = re.compile(r"(?<!\w)(\d+(?:,\d{3})*) of (\d+(?:,\d{3})*)(?!,?\d|\.\d| ?%)")
 
 
@@ -58,7 +61,9 @@ class Figure:
 
     def block(self, terms: list[str]) -> str:
         """Return what a page shows."""
-        return "\n\n".join([f"> {self._head()}", *self.shown(terms)])
+        shown = "\n\n".join(self.shown(terms))
+        explained = " In brackets: 95 % interval of the proportion." if "%]" in shown else ""
+        return f"> {self._head()}{explained}\n\n{shown}"
 
     def shown(self, terms: list[str]) -> list[str]:
         """Return the texts and tables, or what terms select of them."""
@@ -163,7 +168,7 @@ def claims(text: str) -> list[Claim]:
             _line(text, mark),
             mark[1],
             _terms(mark[2]),
-            numbers(said := _BEGINNING.split(text[: mark.start()])[-1]),
+            numbers(said := without_intervals(_BEGINNING.split(text[: mark.start()])[-1])),
             set(_RATIO.findall(said)),
         )
         for mark in _MARK.finditer(text)
@@ -206,6 +211,30 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
             yield f"{line}: {number:g} is not in {file} at `{'; '.join(terms)}`"
 
 
+def with_intervals(text: str) -> str:
+    """Return the text with its interval after each "A of B"."""
+    return _RATIO.sub(lambda ratio: f"{ratio[0]} {interval(ratio[1], ratio[2])}".rstrip(), text)
+
+
+def without_intervals(text: str) -> str:
+    """Return the text without the intervals after "A of B" that are right."""
+    for ratio in _RATIO.finditer(text):
+        text = text.replace(f"{ratio[0]} {interval(ratio[1], ratio[2])}".rstrip(), ratio[0])
+    return text
+
+
+def interval(part: str, whole: str) -> str:
+    """Return the 95 % interval of a proportion (Wilson 1927, equation 4); it holds for independent trials."""
+    found, n = (int(one.replace(",", "")) for one in (part, whole))
+    if not 0 <= found <= n or not n:
+        return ""
+    p, z2 = found / n, _Z**2
+    middle, half = p + z2 / (2 * n), _Z * sqrt(p * (1 - p) / n + z2 / (4 * n**2))
+    low, high = (100 * max(0.0, bound) / (1 + z2 / n) for bound in (middle - half, middle + half))
+    digits = 1 if min(high, 100 - low) < 2 else 0  # near 0 or 1, it is narrow
+    return f"[{low:.{digits}f} to {high:.{digits}f} %]"
+
+
 def numbers(text: str) -> set[float]:
     """Return the numbers of a text; `11,791` is 11791. Code and addresses have none, nor has a list item."""
     return {
@@ -222,7 +251,11 @@ def _ageless(text: str) -> str:
 def _table(rows: list[dict[str, str]]) -> str:
     if not rows:
         return "(no rows)"
-    lines = [list(rows[0]), ["---"] * len(rows[0]), *(list(row.values()) for row in rows)]
+    lines = [
+        list(rows[0]),
+        ["---"] * len(rows[0]),
+        *([with_intervals(cell) for cell in row.values()] for row in rows),
+    ]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 

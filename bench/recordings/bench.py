@@ -131,20 +131,22 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
         found += _measure(source, data)
         progress.advance(source.name)
     missing = how_to_get(source for source in sources() if source not in here)
+    measured = [one for one in found if one.question in _MEASURED]
     sections = [
         "Public recordings of other groups. The column asked says what each method must find in the logs "
-        "of a source: the period of a grating, the forces, or, for each log, whether there is a slip (of "
-        "any kind, or a gross one), a touch or the loss of an object. 'p of sliding' asks for gross slips "
-        "by the largest `p_sliding` of a log, with a threshold that is learnt like that of the rule. Ridge "
-        "with squares is a ridge regression on the readings and their squares. Rules and trees are scored "
-        "on each object after they have learnt from the other objects of the source. Force: rms error of "
-        "each axis, divided by its range, in a cross-validation that leaves out whole contacts; in "
-        "brackets, the part of the 90 % intervals that contain the true force. Commas separate axes, "
-        "semicolons separate logs; for more than five logs, the median and the range are given. Contact "
-        "(only in the figures): one part is that of the scans with a force of more than 5 % of its range "
-        "in which contact is reported, the other that of the scans with less than 0.5 % in which no "
-        "contact is reported; the score is the mean of both parts, and chance gives 0.5.",
-        table(_row(one) for one in found),
+        "of a source: the period of a grating, or, for each log, whether there is a slip (of any kind, or a "
+        "gross one), a touch or the loss of an object. 'p of sliding' asks for gross slips by the largest "
+        "`p_sliding` of a log, with a threshold that is learnt like that of the rule. Rules and trees are "
+        "scored on each object after they have learnt from the other objects of the source.",
+        table(_row(one) for one in found if one not in measured),
+        "The same, with measured forces. Ridge with squares is a ridge regression on the readings and their "
+        "squares. Force: rms error of each axis, divided by its range, in a cross-validation that leaves out "
+        "whole contacts; in parentheses, the part of the 90 % intervals that contain the true force. Commas "
+        "separate axes, semicolons separate logs; for more than five logs, the median and the range are "
+        "given. Contact: one part is that of the scans with a force of more than 5 % of its range in which "
+        "contact is reported, the other that of the scans with less than 0.5 % in which no contact is "
+        "reported; the score is the mean of both parts, and chance gives 0.5.",
+        table(_row(one) for one in measured),
         aims_table(_aims(found)),
         "Constants that were chosen on a source: "
         + ("; ".join(f"{source.name}: {source.chosen}" for source in here if source.chosen) or "none")
@@ -268,6 +270,7 @@ def _at_most_trees(one: Found) -> bool:
     return all(bool((ours <= trees).all()) for ours, trees in pairs)
 
 
+_MEASURED: tuple[Question, ...] = ("force", "poses", "contact")
 _LEAST_AGREEMENT = 0.95
 _OF_40, _AS_RIDGE, _AS_RULE = (
     "at most 3 of 40 with a period, the machine's included",

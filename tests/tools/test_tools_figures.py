@@ -10,7 +10,19 @@ import pytest
 from bench.__main__ import BENCHES
 from bench.report import as_json, table
 from tools import figures as tool
-from tools.figures import CHANGED, UNKNOWN, Figure, claims, load_figures, numbers, problems, with_figures
+from tools.figures import (
+    CHANGED,
+    UNKNOWN,
+    Figure,
+    claims,
+    interval,
+    load_figures,
+    numbers,
+    problems,
+    with_figures,
+    with_intervals,
+    without_intervals,
+)
 from tools.site.pages import ROOT
 
 SLIP = Figure(
@@ -49,7 +61,7 @@ def written(text: str = PAGE) -> str:
 def test_a_page_as_written_has_no_problem() -> None:
     text = written().replace(" and -1", "")
     assert list(problems(text, KNOWN)) == []
-    assert "| gross in 300 ms | 12 of 13 | 10 of 13 |\n" in text
+    assert "| gross in 300 ms | 12 of 13 [67 to 99 %] | 10 of 13 [50 to 92 %] |\n" in text
     assert with_figures(text, KNOWN) == text
     assert [(claim.line, claim.numbers) for claim in claims(text)] == [
         (3, {13, 10, 300}),
@@ -70,13 +82,15 @@ def test_a_page_as_written_has_no_problem() -> None:
 def test_a_page_may_have_a_part_of_a_figure(terms: str, kept: str) -> None:
     heads = "| question | fast | quiet |\n| --- | --- | --- |"
     rows = {
-        "GROSS": "| gross in 300 ms | 12 of 13 | 10 of 13 |",
+        "GROSS": "| gross in 300 ms | 12 of 13 [67 to 99 %] | 10 of 13 [50 to 92 %] |",
         "ONSETS": "| onsets an hour | 1,282 | 127 |",
     }
     for name, row in {"HEADS": heads, **rows}.items():
         kept = kept.replace(name, row)
     text = with_figures(f"<!-- figure: slip: {terms} -->\n<!-- end -->", KNOWN)
-    assert text.partition(UNKNOWN)[2] == f"\n\n{kept}\n\n<!-- end -->"
+    _, head, shown = text.split("\n\n", 2)
+    assert shown == f"{kept}\n\n<!-- end -->"
+    assert head.endswith("In brackets: 95 % interval of the proportion.") == ("%]" in kept)
     assert list(problems(text, KNOWN)) == []
 
 
@@ -113,6 +127,24 @@ def test_a_ratio_of_a_page_is_one_of_the_figure(ratio: str, is_right: bool, end:
     page = f"In 300 ms, {ratio}{end} <!-- from slip: gross / quiet -->"
     said = f"1: {ratio} is not in docs/figures/slip.json at `gross / quiet`"
     assert list(problems(page, KNOWN)) == ([] if is_right else [said])
+
+
+@pytest.mark.parametrize(
+    ("ratio", "bounds"),  # by hand: (p + z^2/2n -+ z sqrt(pq/n + z^2/4n^2)) / (1 + z^2/n) with z = 1.96
+    [("10 of 13", "[50 to 92 %]"), ("1 of 1000", "[0.0 to 0.6 %]"), ("24 of 24", "[86 to 100 %]")],
+)
+def test_the_interval_of_a_proportion(ratio: str, bounds: str) -> None:
+    assert interval(*ratio.split(" of ")) == bounds
+    assert with_intervals(f"{ratio}, 7 ms") == f"{ratio} {bounds}, 7 ms"
+    assert without_intervals(f"{ratio} {bounds}, 7 ms") == f"{ratio}, 7 ms"
+    assert interval("3", "0") == interval("14", "13") == ""
+
+
+@pytest.mark.parametrize("bounds", ["[51 to 92 %]", "[50 to 91 %]"])
+def test_a_wrong_interval_is_a_number_that_the_figure_does_not_have(bounds: str) -> None:
+    page = "10 of 13 [50 to 92 %] are found. <!-- from slip: gross / quiet -->"
+    assert not list(problems(page, KNOWN))
+    assert list(problems(page.replace("[50 to 92 %]", bounds), KNOWN))
 
 
 def test_a_block_without_its_end_keeps_the_text_up_to_the_next() -> None:
