@@ -62,7 +62,7 @@ def bench(name: str, quick: bool, numbers: Path | None, data: Path | None, parts
     clock: errors of the instants of scans. latency: from a scan's last byte to a subscriber, processor
     and memory, beside a C program. native: latency and cost of the client of C++, beside a bare zmq_recv,
     and latency of the ROS 2 node where a workspace with it is sourced. throughput: scans a second, and
-    files in times real time. slip: slip events of every setting, on random worlds of two generators, on
+    files in times real time. slip: slip events of every setting, on worlds of two generators, on
     gratings and over minutes. grip: sliding, margins and forecasts of the contact filter on worlds of a
     generator that it never saw. hands: false alarms of hands that hold, over two hours. hold: drops and
     grip force of a controller that follows the filter's margin. texture: errors of groove estimates over

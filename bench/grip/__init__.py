@@ -1,1 +1,1 @@
-"""Scores of the contact model on random worlds."""
+"""Scores of the contact model on worlds."""

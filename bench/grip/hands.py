@@ -58,7 +58,7 @@ def bench_hands(progress: ProgressBar, options: BenchOptions) -> list[str]:
     left_out = n - len(found)
     rows = {hand: [minute for minute in found if minute.hand == hand] for hand in HANDS} | {"all": found}
     return [
-        f"{n - left_out} random worlds of {_DURATION_S:g} s (seeds {_FROM}..{_FROM + n - 1}; "
+        f"{n - left_out} emulated worlds of {_DURATION_S:g} s (seeds {_FROM}..{_FROM + n - 1}; "
         f"{left_out} that use half of the friction limit or more are left out). Their contacts last "
         f"{_hours(found):.1f} h; in {_unslipped_hours(found):.2f} h of this time, less than a tenth of the "
         f"area has slipped so far: a tenth slips from a utilisation of {INCIPIENT_USED:.3f} on, which most "

@@ -78,9 +78,9 @@ def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:
         found[arm] += some
     return [
         f"Grasps of 7 s ({seeds_in_words(chosen.n, REPORTED_FROM)}; rows of fewer grasps use the "
-        "first seeds). The least grip is the smallest with which friction holds the object. Grip over the "
-        "least: for each grasp without a drop, the mean grip while the object hangs freely is divided by "
-        "the mean least grip of the same time; the table has the average over these grasps.",
+        "first seeds). The needed grip is the smallest with which friction holds the object. Grip over the "
+        "needed: for each grasp without a drop, the mean grip while the object hangs freely is divided by "
+        "the mean needed grip of the same time; the table has the average over these grasps.",
         aims_table(aims(found[chosen]), chosen.words),
         table({"grip": arm.words, **_numbers(some)} for arm, some in found.items()),
         f"Grasps of the margin with target {TARGET:g}, by event.",
@@ -96,7 +96,7 @@ def _by_event(some: Sequence[GraspResult]) -> Table:
 
 
 def over_least(some: Sequence[GraspResult]) -> float:
-    """Mean of grip over the least of the grasps that held."""
+    """Mean of grip over the needed of the grasps that held."""
     held = [r.over_least for r in some if not r.dropped]
     return float(np.mean(held)) if held else float("nan")
 
@@ -108,7 +108,7 @@ def aims(some: Sequence[GraspResult]) -> list[Aim]:
     holds = largest_rate(n, len(some)) <= _MOST_DROPPED  # not by the luck of few grasps
     return [
         aim("dropped", "at most 0.5 %", words, holds, is_open=n <= _MOST_DROPPED * len(some)),
-        at_most("mean grip over the least", _MOST_OVER, over, ".2f"),
+        at_most("mean grip over the needed", _MOST_OVER, over, ".2f"),
     ]
 
 
@@ -119,7 +119,7 @@ def _numbers(some: Sequence[GraspResult]) -> dict[str, str]:
     return {
         "grasps": f"{len(some)}",
         "dropped": f"{sum(r.dropped for r in some)}",
-        "grip over the least": f"{over_least(some):.2f}" if any(not r.dropped for r in some) else NONE,
+        "grip over the needed": f"{over_least(some):.2f}" if any(not r.dropped for r in some) else NONE,
         "slid 1 mm or more": f"{sum(r.slid_mm >= 1 for r in some)}",
         "gross slips": f"{len(slips)}",
         "reaction (ms, median)": reaction if slips else NONE,

@@ -1,1 +1,1 @@
-"""Slip events of every setting, on random worlds and on the emulator's families."""
+"""Slip events of every setting, on worlds and on the emulator's families."""

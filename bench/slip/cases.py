@@ -1,4 +1,4 @@
-"""Cases of ``./run bench slip``: random worlds, with the truth that events are compared with."""
+"""Cases of ``./run bench slip``: worlds, with the truth that events are compared with."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
