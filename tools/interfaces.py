@@ -234,7 +234,8 @@ def _python_type(name: str, field: dict[str, Any]) -> str:
 
 
 def _cpp_struct(name: str, schema: dict[str, Any], topic: str) -> str:
-    lines = [*_cpp_comment(schema.get("description", ""), ""), f"struct {name} {{"]
+    description = schema.get("description") or "Item of a list in the next structure."
+    lines = [*_cpp_comment(description, ""), f"struct {name} {{"]
     if topic:
         lines += [f'    static constexpr const char* TOPIC = "{topic}";', ""]
     for field_name, field in schema["properties"].items():
@@ -243,7 +244,8 @@ def _cpp_struct(name: str, schema: dict[str, Any], topic: str) -> str:
             word = value.upper().replace("-", "_") or "NOTHING"
             lines.append(f'    static constexpr const char* {field_name.upper()}_{word} = "{value}";')
         lines.append(f"    {_cpp_type(field_name, field)} {field_name}{_CPP_ZERO.get(field['type'], '')};")
-    lines += ["};", "", f"template <class Json> void from_json(const Json& map, {name}& out) {{"]
+    lines += ["};", "", "// Fill a structure from a map of a JSON library, such as nlohmann::json."]
+    lines.append(f"template <class Json> void from_json(const Json& map, {name}& out) {{")
     lines += [f'    map.at("{field_name}").get_to(out.{field_name});' for field_name in schema["properties"]]
     return "\n".join([*lines, "}", ""])
 

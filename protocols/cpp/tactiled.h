@@ -6,9 +6,9 @@
  *             tactiled_is_fresh(events) && fabs(tactiled_age_s(events)) < 0.2 && (what = tactiled_text(events, "kind")))
  *             puts(what);
  *
- * The rules are those of tactiled.hpp; docs/native.md says how to build and use it. A client belongs to one
- * thread at a time, and only `tactiled_close` takes a NULL. What a client returns by pointer is valid until the next call with this client. Texts are
- * UTF-8. Where a function fails, `tactiled_error` has the reason. */
+ * The rules are those of tactiled.hpp; docs/native.md says how to build and use it. Use a client from one
+ * thread at a time; only `tactiled_close` takes a NULL for it. What a client returns by pointer is valid until the
+ * next call with this client. Texts are UTF-8. Where a function fails, `tactiled_error` has the reason. */
 #ifndef TACTILED_H
 #define TACTILED_H
 
@@ -19,11 +19,12 @@
 extern "C" {
 #endif
 
+/* A client of one daemon, which receives items and sends commands. */
 typedef struct tactiled_client tactiled_client;
 
 /* What `tactiled_next` returns. */
 enum tactiled_kind {
-    TACTILED_FAILED = -1,
+    TACTILED_FAILED = -1,   /* `tactiled_error` says why */
     TACTILED_NONE = 0,      /* nothing came in time */
     TACTILED_MESSAGE = 1,   /* a message, in the order of its topic */
     TACTILED_RECOVERED = 2, /* a message that was missed and requested again: it is old */
@@ -42,7 +43,7 @@ const char *tactiled_error(void);
  * number; NULL for all. `keys`: file of `tactiled keys make`; NULL without keys. */
 tactiled_client *tactiled_open(const char *endpoint, const char *topics, const char *board, const char *keys);
 
-/* End; NULL is no mistake. */
+/* End a client and free its memory; a NULL is passed over. */
 void tactiled_close(tactiled_client *client);
 
 /* Take the next item, and wait for it for at most `wait_s`: 0 does not wait, a negative one waits for ever.
@@ -70,10 +71,11 @@ double tactiled_age_s(const tactiled_client *client);
  * where there is no such field or it is of another type. */
 int tactiled_number(tactiled_client *client, const char *field, double *value);
 
-/* A list of numbers: returns how many there are, of which at most `most` are written; -1 as above. */
+/* Read a field that is a list of numbers: returns how many there are, of which at most `most` are written, or -1
+ * where there is no such field or it is of another type. */
 long tactiled_numbers(tactiled_client *client, const char *field, double *values, size_t most);
 
-/* A text; NULL as above. */
+/* Read a field that is a text; NULL where there is no such field or it is of another type. */
 const char *tactiled_text(tactiled_client *client, const char *field);
 
 /* The message as it came, a msgpack map; NULL and size 0 where the item is no message. */

@@ -9,9 +9,9 @@
 //             slip.valid && std::abs(item->message.age_s(tactiled::monotonic_s())) < 0.2) tighten();
 //     }
 //
-// The same rules as tactiled.client in Python; docs/native.md says how to use and build it. This file has the
-// sockets; what becomes of their messages is in tactiled_inbox.hpp. Objects belong to one thread at a time
-// and start none; ZeroMQ has one of its own for each of them.
+// The rules are those of tactiled.client in Python; docs/native.md says how to use and build it. What becomes of
+// received messages is in tactiled_inbox.hpp. Use each object from one thread at a time. ZeroMQ starts a thread
+// for each object.
 //
 // Needs C++17 and Linux, libzmq and cppzmq (4.9).
 #pragma once
@@ -49,11 +49,12 @@ inline std::vector<std::string> known(std::vector<std::string> topics)
 
 }  // namespace detail
 
-// Receives items from a daemon.
+// Receives items from a daemon: messages, and notice of losses, of a restart and of old data. It connects, and
+// connects again, by itself.
 class Subscription {
 public:
-    // `topics`: "slip", "grip", "contact", "scan", "status", ...; empty for all. Throws Error for an unknown
-    // topic, and for a wrong endpoint or file of keys; a daemon that is not there shows as Kind::STALE.
+    // `topics`: those of TOPICS that are wanted; empty for all. Throws Error for an unknown topic, and for a
+    // wrong endpoint or file of keys; a daemon that is not there shows as Kind::STALE.
     explicit Subscription(const std::string& endpoint = DEFAULT_ENDPOINT,
                           std::vector<std::string> topics = {}, const Options& options = {})
         : Subscription(endpoint, Wanted{detail::known(std::move(topics)), options.board},
@@ -61,8 +62,9 @@ public:
     {
     }
 
-    // Next item, or nullptr where there is none before `until_s` (`monotonic_s()`), or where a signal
-    // interrupted. The item is valid until the next call.
+    // Wait for the next item. Returns nullptr if none came before `monotonic_s()` reached `until_s`, or if a
+    // signal interrupted the call; by default, the call waits for ever. The item is valid until the next call
+    // of `next` or `poll`.
     const Item* next(double until_s = INF)
     {
         for (;;) {
@@ -73,7 +75,7 @@ public:
         }
     }
 
-    // Next item without waiting, or nullptr for none. The item is valid until the next call.
+    // Next item without waiting, or nullptr for none. The item is valid until the next call of `next` or `poll`.
     const Item* poll()
     {
         may_receive_ = may_have_reply_ = true;
@@ -96,9 +98,10 @@ public:
     // True while tactile data may be acted on: between FRESH and STALE, and with a recent status.
     bool fresh() const { return inbox_.is_fresh(monotonic_s()); }
 
+    // Numbers of items since the beginning.
     std::uint64_t lost() const { return inbox_.lost(); }            // messages that cannot be recovered
     std::uint64_t recovered() const { return inbox_.recovered(); }  // messages that were missed and recovered
-    std::uint64_t malformed() const { return inbox_.malformed(); }
+    std::uint64_t malformed() const { return inbox_.malformed(); }  // received data that are no message
 
 private:
     Subscription(const std::string& endpoint, const Wanted& wanted, const std::string& control,
@@ -227,11 +230,13 @@ struct Reply {
 // out, or not; the caller decides whether to send it again. A command beyond 16,128 bytes throws Error.
 class Commander {
 public:
-    static constexpr double TIMEOUT_S =
-        5.0;  // a reply takes a millisecond; a daemon that is being restarted is back within this time
+    // Longest wait for a reply. A reply takes a millisecond; a daemon that is being restarted is back within
+    // this time.
+    static constexpr double TIMEOUT_S = 5.0;
 
-    // `endpoint` is that for events. Commands are accepted over ipc, and over TCP with keys or where the
-    // daemon's configuration allows them. Throws Error as for Subscription.
+    // `endpoint` is that of events, as for Subscription; `control_endpoint` tells that of commands. The daemon
+    // accepts commands over ipc, and over TCP with keys or where its configuration allows them. Throws Error for
+    // a wrong endpoint or file of keys.
     explicit Commander(const std::string& endpoint = DEFAULT_ENDPOINT, const Options& options = {})
         : endpoint_(options.control.value_or(control_endpoint(endpoint))),
           who_(options.who),
@@ -240,15 +245,17 @@ public:
     {
     }
 
-    // Send a command and wait for the reply. Fields are pairs of name and value: numbers, texts, vectors,
-    // maps of texts. Throws Error where no reply came in time; the command may have been carried out all the same.
+    // Send a command (protocols/control.md) and wait for the reply. Fields are names and values in turn; values
+    // are numbers, texts, vectors or maps of texts. Throws Error where no reply came within TIMEOUT_S; the
+    // command may have been carried out all the same.
     template <class... Fields> Reply send(const std::string& command, const Fields&... fields)
     {
         begin(command, fields...);
         return wait();
     }
 
-    // The same with fields whose number is known when it runs: `pack_fields` packs names and values.
+    // The same where the number of fields is not known to the compiler. `pack_fields` is called with a packer,
+    // and packs each name and value: [](auto& packer) { packer.pack("duration_s").pack(0.4); }
     template <class PackFields>
     Reply send_fields(const std::string& command, std::uint32_t n_fields, const PackFields& pack_fields)
     {
@@ -256,8 +263,8 @@ public:
         return wait();
     }
 
-    // Send a command without waiting; `poll` has its reply. The reply to one before is dropped. Until the daemon
-    // is connected, the newest 64 commands wait; of `motion`, the newest alone.
+    // Send a command without waiting; `poll` returns its reply. The replies to earlier commands are dropped.
+    // Until the daemon is connected, the newest 64 commands wait; of `motion`, the newest alone.
     template <class... Fields> void begin(const std::string& command, const Fields&... fields)
     {
         static_assert(sizeof...(Fields) % 2 == 0, "fields are pairs of name and value");
@@ -267,8 +274,8 @@ public:
     }
 
     // Reply to the newest command, once; nullptr while there is none. Call it from time to time, because it
-    // sends what waits for the connection. Throws Error where no command was replied to in time; what waits is
-    // dropped then.
+    // sends commands that wait for the connection. Throws Error where no command got a reply within TIMEOUT_S;
+    // commands that wait are dropped then. The reply is valid until the next command or call of `poll`.
     const Reply* poll()
     {
         if (id_.empty())

@@ -83,6 +83,7 @@ struct Slip {
     std::string suppressed;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Slip& out) {
     map.at("v").get_to(out.v);
     map.at("timestamp").get_to(out.timestamp);
@@ -147,6 +148,7 @@ struct Contact {
     bool valid = false;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Contact& out) {
     map.at("v").get_to(out.v);
     map.at("timestamp").get_to(out.timestamp);
@@ -243,6 +245,7 @@ struct Grip {
     std::string suppressed;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Grip& out) {
     map.at("v").get_to(out.v);
     map.at("timestamp").get_to(out.timestamp);
@@ -346,6 +349,7 @@ struct Force {
     bool late = false;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Force& out) {
     map.at("v").get_to(out.v);
     map.at("timestamp").get_to(out.timestamp);
@@ -377,6 +381,7 @@ template <class Json> void from_json(const Json& map, Force& out) {
 // Instant at which the evidence of the message was complete, epoch seconds.
 inline double evidence(const Force& message) { return message.timestamp; }
 
+// Item of a list in the next structure.
 struct Candidate {
     // Spatial period of this candidate, millimetres.
     double period_mm = 0.0;
@@ -394,6 +399,7 @@ struct Candidate {
     double period_max_mm = 0.0;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Candidate& out) {
     map.at("period_mm").get_to(out.period_mm);
     map.at("angle_deg").get_to(out.angle_deg);
@@ -479,6 +485,7 @@ struct Texture {
     std::string estimator;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Texture& out) {
     map.at("v").get_to(out.v);
     map.at("timestamp").get_to(out.timestamp);
@@ -542,6 +549,7 @@ struct Scan {
     bool late = false;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Scan& out) {
     map.at("v").get_to(out.v);
     map.at("timestamp").get_to(out.timestamp);
@@ -582,6 +590,7 @@ struct Sent {
     std::int64_t force = 0;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Sent& out) {
     map.at("slip").get_to(out.slip);
     map.at("contact").get_to(out.contact);
@@ -696,6 +705,7 @@ struct Status {
     Sent sent;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Status& out) {
     map.at("v").get_to(out.v);
     map.at("timestamp").get_to(out.timestamp);
@@ -788,6 +798,7 @@ struct Info {
     std::vector<double> zero;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Info& out) {
     map.at("v").get_to(out.v);
     map.at("timestamp").get_to(out.timestamp);
@@ -855,6 +866,7 @@ struct Recording {
     std::int64_t reads_waiting = 0;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Recording& out) {
     map.at("v").get_to(out.v);
     map.at("timestamp").get_to(out.timestamp);
@@ -912,6 +924,7 @@ struct Command {
     std::int64_t scan_index = 0;
 };
 
+// Fill a structure from a map of a JSON library, such as nlohmann::json.
 template <class Json> void from_json(const Json& map, Command& out) {
     map.at("v").get_to(out.v);
     map.at("timestamp").get_to(out.timestamp);

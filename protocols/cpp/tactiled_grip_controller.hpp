@@ -24,15 +24,19 @@
 
 namespace tactiled {
 
+// Computes the force to grip with, in newtons. A controller is for one grasp with one board: stop it before the
+// object is set down, and make a new one for the next grasp.
 class GripController {
 public:
-    static constexpr double PRESS_S = 0.6;
-    static constexpr double TARGET = 0.9;
-    static constexpr double GRASP_AGAIN = 1.4;
-    static constexpr double GONE_S = 0.2;
-    static constexpr double BLIND = 1.3;
+    static constexpr double PRESS_S = 0.6;      // from touch: the grip is kept, until the zero of shear is known
+    static constexpr double TARGET = 0.9;       // utilisation at which an object is held
+    static constexpr double GRASP_AGAIN = 1.4;  // times the present force, where all of the contact slides
+    static constexpr double GONE_S = 0.2;       // without contact: the object has left the hand
+    static constexpr double BLIND = 1.3;        // times the force that was wanted last, while data are stale
 
-    // Highest utilisation that is left as it is; grip before the object's weight is felt; limits of the grip.
+    // `target`: highest utilisation (`utilisation_high` of Grip) that is left as it is. `start_n`: force before
+    // the object's weight is felt. `least_n`, `most_n`: limits of the force. Throws std::invalid_argument where a
+    // number is not finite, or the limits are not in order.
     explicit GripController(double target = TARGET, double start_n = 6.0, double least_n = 1.0,
                             double most_n = 40.0)
         : target_(target), least_n_(least_n), most_n_(most_n), command_n_(limited(start_n))
@@ -44,10 +48,12 @@ public:
         new_object();
     }
 
-    // Newest force to command.
+    // Newest force to command; before the first message, `start_n` within the limits.
     double command_n() const { return command_n_; }
 
-    // Return the force to command, from a message and the force exerted now.
+    // Return the force to command, from a message and the force that the gripper exerts now. Call it with each
+    // message while data are fresh. A message of another board, or with impossible numbers, changes nothing.
+    // A `present_n` that is not above 0 is replaced by an estimate from the load.
     double take(const Grip &grip, double present_n)
     {
         if (!is_usable(grip) || (!grip.board.empty() && !board_.empty() && grip.board != board_))
@@ -114,7 +120,8 @@ public:
         return command_n_;
     }
 
-    // Return the force to command while tactile data are stale: tighter, and not eased.
+    // Return the force to command while tactile data are stale: tighter, and not eased. Call it at Kind::STALE,
+    // and go on with `take` once data are fresh.
     double blind()
     {
         command_n_ = limited(std::max(command_n_, BLIND * wanted_n_));

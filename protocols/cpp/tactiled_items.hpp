@@ -11,10 +11,11 @@
 
 namespace tactiled {
 
+// What an item is.
 enum class Kind {
-    MESSAGE,
-    RECOVERED,  // a message that was missed and requested again, or waited for over 0.2 s for such a one of its
-                // topic, so it is old
+    MESSAGE,    // a message, in the order of its topic
+    RECOVERED,  // an old message: it was missed and requested again, or waited for over 0.2 s while an earlier
+                // one of its topic was requested
     LOST,       // `count` messages of a topic were sent, did not arrive, and cannot be recovered
     RESTARTED,  // the daemon was restarted; how many messages of its last run were lost at its end is not
                 // known
@@ -23,6 +24,7 @@ enum class Kind {
     MALFORMED,  // received data that are no message of tactiled
 };
 
+// What a subscription returns. Its kind tells which fields have a meaning; the others are empty or old.
 struct Item {
     Kind kind = Kind::MESSAGE;
     Message message;          // MESSAGE, RECOVERED
@@ -33,9 +35,10 @@ struct Item {
     double silent_s = 0.0;    // STALE: age of the newest data
 };
 
-// Queue of items, whose memory is used again once all were taken.
+// Queue of items inside a subscription. Its memory is used again once all were taken.
 class Items {
 public:
+    // Add an item and return it, so that its fields can be filled.
     Item& add(Kind kind)
     {
         if (end_ == slots_.size())
@@ -60,7 +63,7 @@ private:
     std::size_t first_ = 0, end_ = 0;
 };
 
-// Topics and board of a subscription; empty for all.
+// Topics and board that a subscription takes; empty for all.
 struct Wanted {
     std::vector<std::string> topics;
     std::string board;

@@ -219,29 +219,30 @@ inline bool check_map(std::string_view payload, std::string_view name, Head& hea
 
 }  // namespace detail
 
-// Published event.
+// Published event. `read` gives its fields.
 struct Message {
-    std::string topic;
+    std::string topic;      // "slip", "grip", ...: one of TOPICS
     std::string board;      // serial number
-    std::int64_t run = 0;   // of the daemon
-    std::uint64_t seq = 0;  // within board, topic and run
-    double timestamp =
-        0.0;  // physical instant that it is about, epoch seconds: of a slip, its onset or its end
-    double evidence = 0.0;    // instant of its evidence: `detected` of a slip, `answered` of a texture
-    double received_s = 0.0;  // monotonic clock when it was read from the socket
-    double received_unix_s = 0.0;
-    std::string payload;  // msgpack map, as it came
+    std::int64_t run = 0;   // identifies the run of the daemon
+    std::uint64_t seq = 0;  // counts within board, topic and run
+    // Physical instant that it is about, epoch seconds: of a slip, its onset or its end.
+    double timestamp = 0.0;
+    // Instant of its evidence, epoch seconds: `detected` of a slip, `answered` of a texture, else `timestamp`.
+    double evidence = 0.0;
+    double received_s = 0.0;       // `monotonic_s()` when it was read from the socket
+    double received_unix_s = 0.0;  // the same instant by `unix_s()`
+    std::string payload;           // msgpack map, as it came
 
-    // Age of the evidence, seconds. Act on a message by this age: a slip may have begun long before anything
-    // could show it.
+    // Age of the evidence in seconds, where `now_s` is `monotonic_s()`. Act on a message by this age: a slip may
+    // have begun long before anything could show it.
     double age_s(double now_s) const { return received_unix_s - evidence + now_s - received_s; }
 
-    // Age of the timestamp: of the beginning of a slip, or of its end.
+    // The same of the timestamp: age of the beginning of a slip, or of its end.
     double onset_age_s(double now_s) const { return received_unix_s - timestamp + now_s - received_s; }
 
-    // Read the fields into the structure of this topic. False where the message is of another topic, or where
-    // a field is missing or of another type; `out` may then hold some of them. Keep `out` for the next
-    // message: its memory is used again.
+    // Read the fields into the structure of this topic, such as Slip (tactiled_events.hpp). False where the
+    // message is of another topic, or where a field is missing or of another type; `out` may then hold some of
+    // them. Keep `out` for the next message: its memory is used again.
     template <class T> bool read(T& out) const
     {
         if (topic != T::TOPIC)

@@ -1,4 +1,4 @@
-// Sockets of a client: endpoints, keys, waiting, and one file descriptor for all of them.
+// Sockets of a client: endpoints, keys, clocks, waiting, and one file descriptor for all of them.
 //
 // Needs Linux, libzmq and cppzmq (4.9).
 #pragma once
@@ -30,26 +30,28 @@
 
 namespace tactiled {
 
+// Endpoint of events of a daemon on this host that keeps its defaults.
 constexpr const char* DEFAULT_ENDPOINT = "tcp://127.0.0.1:9872";
 
-// An endpoint or a key file is wrong, or a command has no answer; `what()` says what to do.
+// A topic, an endpoint or a file of keys is wrong, or a command has no reply; `what()` says what to do.
 struct Error : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-// Clock of deadlines and ages: CLOCK_MONOTONIC.
+// Now in seconds of CLOCK_MONOTONIC: for `Subscription::next` and `Message::age_s`.
 inline double monotonic_s()
 {
     return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+// Now in epoch seconds, as the timestamps of messages.
 inline double unix_s()
 {
     return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
 }
 
-// Endpoint for requests that belongs to an endpoint of events. TCP: the next port. ipc: the same folder,
-// where `events` in the name becomes `control`, or `.control` is added. Other transports: empty.
+// Endpoint of commands and of requests for missed messages, by that of events. TCP: the next port. ipc: the same
+// folder, where `events` in the name becomes `control`, or `.control` is added. Other transports: empty.
 inline std::string control_endpoint(const std::string& endpoint)
 {
     if (endpoint.rfind("tcp://", 0) == 0) {
@@ -70,13 +72,17 @@ inline std::string control_endpoint(const std::string& endpoint)
     return control;
 }
 
-// Settings that most programs leave as they are.
+// Settings of a Subscription and of a Commander that most programs leave as they are.
 struct Options {
-    std::string board;                     // of this board only; empty for all, which must all be fresh
-    double stale_after_s = STALE_AFTER_S;  // silence, or age of the newest status, that is reported as stale
-    std::optional<std::string> control;    // endpoint for requests; empty text: nothing is recovered
-    std::string keys;                      // file of this client from `tactiled keys make`
-    std::string who;                       // name of this client, for the recording of commands
+    // Serial number of the board to hear; empty for all boards, which must all be fresh.
+    std::string board;
+    // Silence, or age of the newest status, that is reported as stale: 0.5 s by default.
+    double stale_after_s = STALE_AFTER_S;
+    // Endpoint of commands and requests, where it is not `control_endpoint` of that of events. With an empty
+    // text, a Subscription recovers nothing.
+    std::optional<std::string> control;
+    std::string keys;  // file of this client from `tactiled keys make`; empty without keys
+    std::string who;   // name of this client, for the recording of commands
 };
 
 namespace detail {
