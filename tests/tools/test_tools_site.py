@@ -1,5 +1,6 @@
 """The site of ``./run docs``: the pages of the repository, and the reference from the code."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from tactiled.cli.packages import VERBS
 from tactiled.daemon.operations.metrics import METRICS
 from tactiled.zenoh.fleet import FLEET_METRICS
+from tools.site.cpp_reference import cpp_page
 from tools.site.field_comments import comment_of, description_of
 from tools.site.pages import (
     ROOT,
@@ -104,6 +106,35 @@ def test_every_metric_is_in_the_reference() -> None:
     daemon, fleet = metrics_page().split("\n## Fleet\n")
     assert all(f"| `tactiled_{name}` | {metric.kind} |" in daemon for name, metric in METRICS.items())
     assert all(f"| `tactiled_{name}` | gauge |" in fleet for name in FLEET_METRICS)
+
+
+def test_every_public_class_of_the_headers_is_in_the_reference_without_what_is_private() -> None:
+    sections = {part.split("\n")[0].split(": ")[-1]: part for part in cpp_page().split("\n## ")}
+    inner = {"tactiled_catchup.hpp", "tactiled_inbox.hpp", "tactiled_values.hpp"}
+    headers = {path.name: path.read_text() for path in (ROOT / "protocols/cpp").glob("*.h*")}
+    for header in headers.keys() - inner:
+        text = re.sub(r"(?ms)^namespace detail {.*?^}  // namespace", "", headers[header])
+        names = re.findall(r"(?m)^(?:class|struct|enum class|enum) (\w+)[^;]*{$", text)
+        assert names, header
+        assert [name for name in names if f"\n### `{name}`\n" not in sections[header]] == []
+    page = "\n".join(sections.values())
+    assert not re.search(r"(?m)private:|\w_[;.({]|^ +return|### `(Descriptor|Head)`", page)
+
+
+@pytest.mark.parametrize(
+    ("header", "lines"),
+    [
+        ("tactiled.hpp", "    const Item* next(double until_s = INF);\n"),
+        ("tactiled.hpp", "    std::uint64_t lost() const;  // messages that cannot be recovered\n"),
+        ("tactiled_items.hpp", "    double silent_s = 0.0;    // STALE: age of the newest data\n};\n"),
+        ("tactiled_events.hpp", "    std::vector<std::int64_t> taxels;\n    std::string detector;\n"),
+        ("tactiled_sockets.hpp", "\nNow in seconds of CLOCK_MONOTONIC"),
+        ("tactiled.h", "\n### `tactiled_topic`, `tactiled_board`, `tactiled_reason`, `tactiled_count`\n"),
+    ],
+)
+def test_declarations_are_in_the_reference_as_they_are_written(header: str, lines: str) -> None:
+    (section,) = [part for part in cpp_page().split("\n## ") if part.split("\n")[0].endswith(f": {header}")]
+    assert lines in section
 
 
 @pytest.mark.parametrize(

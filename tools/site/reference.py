@@ -1,4 +1,4 @@
-"""Pages of the reference that are generated: fields of the messages, verbs, options and metrics."""
+"""Pages of the reference that are generated: fields of the messages, verbs, options, metrics and C++."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,6 +18,7 @@ from tactiled.config import Config
 from tactiled.daemon.operations.metrics import METRICS
 from tactiled.tomlfile import Params
 from tactiled.zenoh.fleet import FLEET_METRICS
+from tools.site.cpp_reference import cpp_page
 
 _HEAD = ("v", "seq", "board", "run")  # fields that mean the same in every message
 _TYPES = {str: "text", int: "integer", float: "number", bool: "true or false"}
@@ -30,6 +31,7 @@ def generated_pages() -> dict[str, str]:
         "reference/verbs.md": verbs_page(),
         "reference/options.md": options_page(),
         "reference/metrics.md": metrics_page(),
+        "reference/cpp.md": cpp_page(),
     }
 
 
