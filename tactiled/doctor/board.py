@@ -26,13 +26,13 @@ from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Command, Corrupt, Hello
 from tactiled.wire.layout import Layout, load_layout
 
-LISTEN_S = 2.0  # a cause is named after one second; 200 scans give the rate to 1 %
+LISTEN_S = 2.0  # a cause is named after one second; the second half of the scans gives the rate
 _LATEST_S = 10.0  # for a board that sends frames and does not run yet
 _STEP_S = 0.02
 _TRY_S = 0.4  # at another baud rate: the board answers identify within 50 ms if it understands it
 _BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 1_000_000, 2_000_000, 3_000_000)
 _TAIL_BYTES = 4096  # several hellos or dozens of scans of any layout
-_SAME_RATE = 0.03  # relative; the window of 200 scans is not aligned to scans
+_SAME_RATE = 0.03  # relative; instants are known to some milliseconds, in half a second or more
 _SURE_SD_S = 2e-3  # usual after 2 s with a latency timer of 16 ms; 0.1 ms without
 _NOISY_PART = 0.01
 _LEAST_FRAMES = 2  # of a layout: one may be chance
@@ -140,7 +140,7 @@ def _judge(observed: BoardObservation, layout: Layout) -> list[Finding]:
         )
         findings.append(Finding("board", "ok", words, values=identity))
     if len(observed.scans_s) > 1 and hello is not None:
-        findings += [_rate(observed.scans_s, hello.rate_hz), _clock(health)]
+        findings += [check_rate(observed.scans_s, hello.rate_hz), _clock(health)]
     if status.warning:
         findings.append(split("warnings", status.warning, "warn"))
     return findings
@@ -159,7 +159,12 @@ def _bytes(health: Health, status: StatusEvent, listened_s: float) -> Finding:
     return _judged("line", words, remedy, is_good=part < _NOISY_PART)
 
 
-def _rate(scans_s: list[float], nominal_hz: float) -> Finding:
+def check_rate(scans_s: list[float], nominal_hz: float) -> Finding:
+    """Compare the rate of two or more scans with the one that the board states.
+
+    The first half does not count: scans wait behind the hello, and their instants are not yet known.
+    """
+    scans_s = scans_s[(len(scans_s) - 1) // 2 :]
     measured_hz = (len(scans_s) - 1) / (scans_s[-1] - scans_s[0])
     words = f"{measured_hz:.1f} scans a second arrive, the board states {nominal_hz:g}"
     remedy = (

@@ -22,7 +22,7 @@ from tactiled.daemon.serial.port import open_port
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor import board as board_checks
-from tactiled.doctor.board import LISTEN_S, check_board
+from tactiled.doctor.board import LISTEN_S, check_board, check_rate
 from tactiled.doctor.examine import examine
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.host import (
@@ -222,6 +222,14 @@ def test_a_board_whose_scans_come_late_is_waited_for(setup: Setup, tmp_path: Pat
     assert failed(findings) == []
     assert by_check(findings)["board"].verdict == "ok"
     assert rate_hz == 100.0
+
+
+def test_scans_that_wait_at_first_do_not_change_the_rate() -> None:
+    late_s = [n * 0.01 + max(0.0, 0.042 - n * 0.002) for n in range(120)]
+    assert check_rate(late_s, 100.0).words.startswith("100.0 scans a second arrive")
+    assert check_rate(late_s, 100.0).verdict == "ok"
+    assert check_rate(late_s, 95.0).verdict == "warn"
+    assert check_rate([0.0, 0.5], 2.0).verdict == "ok"
 
 
 def test_a_noisy_line_is_a_warning(setup: Setup, tmp_path: Path) -> None:
