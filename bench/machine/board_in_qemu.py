@@ -27,7 +27,7 @@ from tactiled.wire.layout import load_layout
 
 RATE_HZ = 101.0  # not the firmware's default: the daemon must set it after each reset
 LAYOUT = load_layout("board-v1")
-_PACKAGES = {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"}
+PACKAGES = {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"}
 # The last one keeps the compiler from calling memset, which a program without a library does not have.
 _FLAGS = [
     "-std=c99", "-O2", "-g", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-mcpu=cortex-m3", "-mthumb",
@@ -40,7 +40,7 @@ _READING_V = 1e-6  # a count has 730 times as much
 
 def compile_firmware(folder: Path) -> Path:
     """Compile the firmware of protocols/c/example into a folder."""
-    need_programs(_PACKAGES)
+    need_programs(PACKAGES)
     sources = resources.shipped("protocols", "c")
     example, image = sources / "example", folder / "firmware.elf"
     files = [example / "firmware.c", example / "mps2_an385.c", sources / "tactiled_board.c"]

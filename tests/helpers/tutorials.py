@@ -3,13 +3,17 @@
 Indented blocks of a page are
 
 - a file, if the first line is ``# NAME.toml``;
-- commands (lines that begin with ``tactiled`` or ``python``), each followed by what it prints;
+- commands (lines that begin with one of `_PROGRAMS`), each followed by what it prints;
 - otherwise what the newest command that ends by itself has printed.
 
-``tactiled emulate`` and ``tactiled run`` have a terminal each and run until the text says Ctrl-C. A program
-that ``python`` runs has one, too, until the page shows what it prints: then it must end by itself. Lines that
-a page shows occur in this order in what the command printed; between them there may be others. An object of
-JSON has at least the shown fields. Numbers may differ by a tenth, if not stated otherwise.
+``tactiled emulate``, ``tactiled run`` and qemu have a terminal each and run until the text says Ctrl-C; the
+next command is typed in a new terminal. A program that ``python`` runs has a terminal, too, until the page
+shows what it prints: then it must end by itself. ``(qemu)`` is the prompt of qemu. ``/dev/pts/0`` on a page
+stands for the port that qemu printed.
+
+Lines that a page shows occur in this order in what the command printed; between them there may be others. An
+object of JSON has at least the shown fields. In other lines ``...`` stands for any words. Numbers may differ
+by a tenth, if not stated otherwise.
 """
 
 import json
@@ -18,6 +22,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,7 +32,11 @@ import pytest
 from patience import PATIENCE_S
 
 _ROOT = Path(__file__).parents[2]
+_QEMU, _PROMPT = "qemu-system-arm", "(qemu)"
+_PROGRAMS = ("tactiled", "python", "cd", "cc", "./vectors", "arm-none-eabi-gcc", _QEMU, _PROMPT)
 _STAYS = ("emulate", "run")
+_PORT = "/dev/pts/0"
+_LATE = ('"behind"', "flags overruns", "load on the host")  # words of `emulate` and `doctor`
 _PART = re.compile(r"(?P<block>(?:^ {4}.*\n|^\n(?= {4}))+)|(?P<text>.+\n)|\n", re.MULTILINE)
 _NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 _TOLERANCE = 0.1  # of a number: the emulated board runs in real time, and its clock is not that of the host
@@ -45,7 +54,7 @@ def parts(page: Path, heading: str) -> Iterator[Part]:
     section = re.split(rf"^#+ {re.escape(heading)}\n", page.read_text(), flags=re.MULTILINE)[1]
     for found in _PART.finditer(re.split(r"^## ", section, flags=re.MULTILINE)[0]):
         if block := found["block"]:
-            yield Part(is_block=True, text=re.sub(r"^ {4}", "", block, flags=re.MULTILINE).strip("\n"))
+            yield Part(is_block=True, text=textwrap.dedent(block).strip("\n"))
         elif found["text"]:
             yield Part(is_block=False, text=found["text"])
 
@@ -68,6 +77,8 @@ class Reader:
         self.commands: list[str] = []
         self.last = ""
         self._folder, self._tolerance, self._may_skip = folder, tolerance, may_skip
+        self._directory = folder  # of the newest terminal
+        self._port = _PORT  # of the emulated microcontroller
         self._printed: list[str] = []  # by the newest command; what the page has shown of it is removed
         self._terminals: dict[Path, subprocess.Popen[bytes]] = {}
         self._program: tuple[str, Path] | None = None  # a `python` command that runs, and its terminal
@@ -78,7 +89,7 @@ class Reader:
     def __exit__(self, *_: object) -> None:
         for terminal in self._terminals.values():
             terminal.kill()
-            terminal.wait()
+            terminal.communicate()
 
     def follow(self, page: Path, heading: str) -> None:
         """Do all that a section says, and compare what is printed with what it shows."""
@@ -94,11 +105,11 @@ class Reader:
     def _read(self, block: str) -> None:
         """Run the commands of a block; compare the lines between them."""
         shown: list[str] = []
-        for line in block.splitlines():
-            if line.startswith(("tactiled ", "python ")):
+        for line in re.sub(r"\\\n +", "", block).splitlines():
+            if line.split(" ")[0] in _PROGRAMS:
                 self._compare(shown)
                 shown = []
-                self._run(line.split("  #")[0])
+                self._run(line.split("  #")[0].replace(_PORT, self._port))
             elif line.startswith(" ") and shown:  # one line, which the page had to break
                 shown[-1] += f" {line.strip()}"
             elif line:
@@ -111,24 +122,55 @@ class Reader:
             arguments[0] = str(_ROOT / arguments[0])
             self._program = command, self._open([sys.executable, *arguments])
             return
-        program = [sys.executable, "-m", "tactiled", *arguments]
-        if arguments[0] in _STAYS:
-            printed = self._open(program)
-            end_s = time.monotonic() + PATIENCE_S
-            while not printed.stat().st_size and time.monotonic() < end_s:  # it has not started
-                time.sleep(0.05)
+        if name == "cd":
+            self._directory /= arguments[0]
             return
+        if name == _PROMPT:
+            self._type(" ".join(arguments))
+            return
+        if name == _QEMU:
+            self._port = self._start([name, *arguments], until=r"/dev/pts/\d+")
+            return
+        program = ["sh", "-c", command]
+        if name == "tactiled":
+            program = [sys.executable, "-m", "tactiled", *arguments]
+            if arguments[0] in _STAYS:
+                self._start(program, until=".")
+                return
         done = subprocess.run(
-            program, cwd=self._folder, text=True, capture_output=True, timeout=PATIENCE_S, check=False
+            program, cwd=self._directory, text=True, capture_output=True, timeout=PATIENCE_S, check=False
         )
         assert done.returncode == 0, f"{command}: {done.stderr}"
         self._take(command, done.stdout + done.stderr)
+
+    def _start(self, program: list[str], until: str) -> str:
+        """Run a program that stays, and return the first of what it prints that matches `until`."""
+        printed = self._open(program)
+        self._directory = self._folder
+        end_s = time.monotonic() + PATIENCE_S
+        while (found := re.search(until, printed.read_text())) is None:
+            assert time.monotonic() < end_s, f"{program} has not started: {printed.read_text()}"
+            time.sleep(0.05)
+        return found[0]
+
+    def _type(self, line: str) -> None:
+        """Type a line in the terminal of qemu."""
+        (terminal,) = (terminal for terminal in self._terminals.values() if _QEMU in str(terminal.args))
+        assert terminal.stdin is not None
+        terminal.stdin.write(f"{line}\n".encode())
+        terminal.stdin.flush()
 
     def _open(self, program: list[str]) -> Path:
         """Run a program in a terminal of its own, and return the file of what it prints."""
         printed = self._folder / f"terminal-{len(self._terminals)}.txt"  # a pipe would be full some time
         with printed.open("w") as screen:
-            terminal = subprocess.Popen(program, cwd=self._folder, stdout=screen, stderr=subprocess.STDOUT)
+            terminal = subprocess.Popen(
+                program,
+                cwd=self._directory,
+                stdin=subprocess.PIPE,
+                stdout=screen,
+                stderr=subprocess.STDOUT,
+            )
         self._terminals[printed] = terminal
         return printed
 
@@ -155,7 +197,8 @@ class Reader:
                     del self._printed[: number + 1]
                     break
             else:
-                if self._may_skip and any('"behind"' in screen.read_text() for screen in self._terminals):
+                screens = [*self._printed, *(screen.read_text() for screen in self._terminals)]
+                if self._may_skip and any(words in screen for words in _LATE for screen in screens):
                     pytest.skip("this host is too slow for an emulated board in real time")
                 pytest.fail(f"the page shows\n  {line}\nand printed was\n  " + "\n  ".join(self._printed))
 
@@ -163,7 +206,7 @@ class Reader:
         """Press Ctrl-C in each terminal, the newest first."""
         for printed, terminal in reversed(self._terminals.items()):
             terminal.send_signal(signal.SIGINT)
-            terminal.wait(PATIENCE_S)
+            terminal.communicate(timeout=PATIENCE_S)
             assert "Traceback" not in printed.read_text()
         self._terminals.clear()
 
@@ -179,6 +222,10 @@ def agrees(shown: str, printed: str, tolerance: float = _TOLERANCE) -> bool:
             name in message and _is_near(value, message[name], tolerance) for name, value in fields.items()
         )
     words, other = shown.split(), printed.split()
+    if "..." in words and len(other) >= len(words) - 1:
+        begin = words.index("...")
+        end = len(words) - begin - 1
+        words, other = words[:begin] + words[begin + 1 :], other[:begin] + other[len(other) - end :]
     return len(words) == len(other) and all(
         _is_like(word, of_other, tolerance) for word, of_other in zip(words, other, strict=True)
     )

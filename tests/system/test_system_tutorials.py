@@ -1,10 +1,17 @@
 """Tutorials do what they say: their commands run, and print what the page shows."""
 
+import os
 import re
+import shutil
 from pathlib import Path
 
 import pytest
 from tutorials import Reader, agrees
+
+from bench.machine.board_in_qemu import PACKAGES
+from bench.processes import need_programs
+from tactiled import resources
+from tactiled.errors import OperatorError
 
 DOCS = Path(__file__).parents[2] / "docs"
 PRINTED = '{"topic": "slip", "kind": "gross", "direction_deg": 90.2, "valid": true, "seq": 3}'
@@ -35,6 +42,25 @@ def test_the_tutorial_of_the_grip_holds_what_it_does_not_know(tmp_path: Path) ->
     assert least_n < float(reader.last.removeprefix("held with ").removesuffix(" N")) < most_n
 
 
+@pytest.mark.system
+@pytest.mark.alone  # qemu in real time
+def test_the_tutorial_of_the_board_brings_up_an_emulated_one(tmp_path: Path) -> None:
+    try:
+        need_programs({"cc": "gcc", **PACKAGES})
+    except OperatorError as missing:
+        if "TACTILED_CI" in os.environ:
+            raise
+        pytest.skip(str(missing))
+    protocols = resources.shipped("protocols")
+    shutil.copytree(protocols, tmp_path / "protocols")  # programs are compiled there
+    with Reader(tmp_path, may_skip=True) as reader:
+        reader.follow(protocols / "bring-up.md", "Try it without hardware")
+        reader.follow(protocols / "bring-up.md", "Checks, in order")
+    assert [command.split()[0] for command in reader.commands] == [
+        "arm-none-eabi-gcc", "cc", "./vectors", "tactiled", "tactiled", "tactiled", "tactiled",
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ("shown", "printed", "is_shown"),
     [
@@ -45,6 +71,9 @@ def test_the_tutorial_of_the_grip_holds_what_it_does_not_know(tmp_path: Path) ->
         ("log.csv: 1309 scans", "log.csv: 1250 scans", True),
         ("log.csv: 1309 scans", "log.csv: 1000 scans", False),
         ("log.csv: 1309 scans", "log.csv: 1309 events", False),
+        ("log.csv: ... scans", "log.csv: 12 good scans", True),
+        ("log.csv: ... scans", "log.csv: 12 scans missing", False),
+        ("scans: ... 1309 scans", "scans: scans", False),
     ],
 )
 def test_a_number_or_word_that_differs_is_found(shown: str, printed: str, is_shown: bool) -> None:
