@@ -46,7 +46,7 @@ class LogTally:
         self.n_repeats = 0
         self.first_s = self.last_s = math.nan
         self.low, self.high = math.inf, -math.inf
-        self.n_lost = 0
+        self.n_missing = self.n_outside = 0  # readings: none, and at the limits of the range or beyond
         self.lasted_s = {"contact": 0.0, "slip": 0.0, "gross": 0.0}
         """Times in contact, in slip and in gross slip, as reported."""
         self.has_grip = False
@@ -70,7 +70,8 @@ class LogTally:
         is_finite = np.isfinite(readings)
         self.low = min(self.low, float(readings.min(where=is_finite, initial=np.inf)))
         self.high = max(self.high, float(readings.max(where=is_finite, initial=-np.inf)))
-        self.n_lost += int((~self.array.in_range(readings)).sum())
+        self.n_missing += readings.size - int(is_finite.sum())
+        self.n_outside += int((is_finite & ~self.array.in_range(readings)).sum())
         for k in range(-self.n_scans % self._stride, len(time_s), self._stride):
             self._scans.append((float(time_s[k]), float(spacing_s[k]), readings[k].copy()))
         self.n_scans += len(time_s)
@@ -159,9 +160,9 @@ def summary(
         elif tally.lasted_s["slip"] == 0 and "slip" in topics and not sliding_is_given:
             yield (
                 "no slip: if the log slides all the same, --sliding says so"
-                + ("; --setting fast reports it at a lower probability" if array.has_shear else "")
+                + ("; --setting fast reports it at a lower probability" if array.measures_ratio else "")
             )
-    if "grip" in topics and array.has_shear and not tally.has_grip:
+    if "grip" in topics and array.measures_ratio and not tally.has_grip:
         yield "no grip: the mean load of the taxels must exceed 0.5 % of the array's `range`"
     if {"slip", "grip"} & set(topics):
         yield from _opposed_pads(array, tally.readings)
@@ -261,7 +262,12 @@ def _range_used(tally: LogTally) -> str:
     array = tally.array
     part = (tally.high - tally.low) / (array.high - array.low)
     words = f"readings from {tally.low:g} to {tally.high:g} {array.unit}: {percent(part)} of the range"
-    return words + (f"; {tally.n_lost} missing or saturated" if tally.n_lost else "")
+    words += f"; {tally.n_missing} missing" if tally.n_missing else ""
+    if tally.n_outside:
+        words += (
+            f"; {tally.n_outside} saturated, and not used. If they are true, widen `range` in the array file"
+        )
+    return words
 
 
 def _texture(
@@ -279,7 +285,7 @@ def _texture(
             "(86 scans of sliding at least)"
         )
     elif speed_mm_s == 0 and not (array.has_shear and array.has_places):
-        yield "no period: without shear channels it needs the sliding speed (--speed)"
+        yield "no period: with this array, it needs the sliding speed (--speed)"
     elif speed_mm_s:
         finest_mm = speed_mm_s / (0.45 * rate_hz)
         yield (

@@ -308,8 +308,8 @@ def _check_range(path: Path, time_s: FloatArray, readings: FloatArray, array: Ar
     of = {"V": "volts", "N": "newtons", "count": "counts"}.get(unit, unit)
     raise DataError(
         f"{path}: at {time_s[row]:.10g} s, channel {channel}: {readings[row, channel]:g} {unit}, but "
-        f"{array.name} reads {low:g} to {high:g} {unit}; are these {of}? If not, say so in the array file "
-        '(unit = "count" and range = [0, 65535], for example; --array FILE.toml). '
+        f"{array.name} reads {low:g} to {high:g} {unit}; are these {of}? If so, widen `range` in the array "
+        'file. If not, say so there (unit = "count" and range = [0, 65535], for example; --array FILE.toml). '
         "If that is no reading, leave the cell empty"
     )
 

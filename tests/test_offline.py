@@ -598,3 +598,14 @@ def test_saturated_readings_at_the_beginning_are_no_zero_taken_under_load() -> N
     readings = 1000 + np.random.default_rng(0).normal(0, 2, (300, 16))
     readings[:8] = 4095.0  # of the 11 scans that give the zero
     assert not any("was the sensor touched" in line for line in said_of_a_pad(readings))
+
+
+@pytest.mark.parametrize(
+    ("value", "said"), [(np.nan, "; 8 missing"), (4095.0, "; 8 saturated, and not used")]
+)
+def test_readings_that_are_not_used_are_counted_by_cause(value: float, said: str) -> None:
+    readings = 1000 + np.random.default_rng(0).normal(0, 2, (300, 16))
+    readings[100:108, 3] = value
+    (line,) = [line for line in said_of_a_pad(readings) if "of the range" in line]
+    assert line.split("of the range")[1].startswith(said)
+    assert ("widen `range`" in line) == (value == 4095.0)
