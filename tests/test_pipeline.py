@@ -467,14 +467,17 @@ def test_events_of_each_scan_have_all_their_fields() -> None:
             assert set(vars(event)) == {field.name for field in dataclasses.fields(kind)}
 
 
+@functools.cache
+def reads_of_stick_and_slip() -> list[tuple[float, bytes]]:
+    return list(Simulation(load_scene("stick-slip"), LAYOUT))
+
+
+@functools.cache
 def onsets_of_stick_and_slip(setting: str) -> list[SlipEvent]:
-    target, simulation = (
-        Pipeline(LAYOUT, ARRAY, PipelineParams(detect=DetectParams(setting=setting))),
-        Simulation(load_scene("stick-slip"), LAYOUT),
-    )
+    target = Pipeline(LAYOUT, ARRAY, PipelineParams(detect=DetectParams(setting=setting)))
     return [
         event
-        for now_s, data in simulation
+        for now_s, data in reads_of_stick_and_slip()
         for event in target.receive_data(data, now_s)
         if isinstance(event, SlipEvent) and event.state == "onset"
     ]
