@@ -259,7 +259,7 @@ def test_the_example_holds_what_it_does_not_know(tmp_path: Path) -> None:
         assert emulator.stdout is not None
         assert json.loads(emulator.stdout.readline())["what"] == "ready"
         controller = Program(example, control, endpoint)
-        others.callback(controller.close)  # it ends with the scene
+        others.callback(controller.close)  # it ends with the scene, which needs the daemon
         others.enter_context(process("run", "--config", config))
         reports = (json.loads(line) for line in emulator.stdout)
         t0_s = next(report["t0_s"] for report in reports if report["what"] == "scene")
@@ -269,6 +269,7 @@ def test_the_example_holds_what_it_does_not_know(tmp_path: Path) -> None:
                 pytest.skip("this host is too slow for an emulated board in real time")
             scan = next(reports)
         assert not scan["fallen"]
-    words = controller.lines[-1].split()
-    assert words[:2] == ["held", "with"]
-    assert LEAST_N < float(words[2]) < 2.5 * LEAST_N
+        assert controller.close() == 0
+        words = controller.lines[-1].split()
+        assert words[:2] == ["held", "with"]
+        assert LEAST_N < float(words[2]) < 2.5 * LEAST_N
