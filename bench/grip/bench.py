@@ -59,21 +59,20 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
             scores[name] = {kind: score([row[kind] for row in found]) for kind in found[0]}
     return [
         f"The filter learns from {lots_in_words(lots)} of each generator, and is scored on "
-        f"{lots_in_words(reported)}. grasps and plates, which share a skin, are left out together. Rows "
-        f"'{LEARNT}' (only in the figures): the mean over the trees of those pairs of generators that "
-        "include the scored one.",
+        f"{lots_in_words(reported)}. grasps and plates, which share a skin, are left out together. In rows "
+        f"'{LEARNT}' (only in the figures), the trees were also trained on the scored generator: the score "
+        "is that of the pairs of generators that include it.",
         aims_table(aims(scores, scan_cost())),
-        "The rms errors and intervals are those of utilisation, in scans whose true utilisation is 0.5 or "
-        "more; after a first slide: in scans after the end of the first slide of the world. False gross "
-        "slips are counted per hour of contact. Of the thresholds with a recall of at least 80 %, the one "
-        f"with the fewest false gross slips is taken; {NONE}: no threshold has this recall. A gross slip is "
-        "found if it is reported between 0.1 s before and 0.3 s after it begins. Below half of the limit: "
-        "gross slips that are reported in worlds whose utilisation never reaches 0.5; all of them are "
-        "false. Processor time at 100 Hz: hot with one scan right after the other, live with one every "
-        "10 ms. Columns of the figures: AUC, 90 %: interval for other worlds of the same generator. Rests "
-        "while gross: part of the time with state gross in which not all of the contact slides. u: "
-        "utilisation. By true friction: error of shear over load, divided by the true friction, in place "
-        "of the filter.",
+        "Rms errors and intervals are those of utilisation, over scans whose true utilisation is at least "
+        "0.5. 'After a first slide': only over scans after the first slide of a world has ended. False "
+        "gross slips are counted per hour of contact. At a recall of 80 %: the fewest at any threshold with "
+        f"at least this recall; {NONE} if there is no such threshold. A gross slip is found if it is "
+        "reported between 0.1 s before and 0.3 s after it begins. Below half of the limit: gross slips that "
+        "are reported in worlds whose utilisation never reaches 0.5; all of them are false. Processor time "
+        "at 100 Hz: hot with one scan right after the other, live with one every 10 ms. Columns of the "
+        "figures: AUC, 90 %: interval for other worlds of the same generator. Rests while gross: part of "
+        "the time with state gross in which not all of the contact slides. u: utilisation. By true "
+        "friction: error of a simple estimate, shear divided by load and by the true friction.",
         table(_row(name, kind, one) for name, kinds in scores.items() for kind, one in kinds.items()),
     ]
 

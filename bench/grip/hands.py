@@ -58,14 +58,14 @@ def bench_hands(progress: ProgressBar, options: BenchOptions) -> list[str]:
     left_out = n - len(found)
     rows = {hand: [minute for minute in found if minute.hand == hand] for hand in HANDS} | {"all": found}
     return [
-        f"{n - left_out} emulated worlds of {_DURATION_S:g} s (seeds {_FROM}..{_FROM + n - 1}; "
-        f"{left_out} that use half of the friction limit or more are left out). Their contacts last "
-        f"{_hours(found):.1f} h; in {_unslipped_hours(found):.2f} h of this time, less than a tenth of the "
-        f"area has slipped so far: a tenth slips from a utilisation of {INCIPIENT_USED:.3f} on, which most "
-        "hands reach soon.",
+        f"{n - left_out} emulated worlds of {_DURATION_S:g} s (seeds {_FROM}..{_FROM + n - 1}). Worlds in "
+        f"which a hand uses half of the friction limit or more are left out ({left_out} here). Contacts "
+        f"last {_hours(found):.1f} h. Incipient onsets are counted only in the {_unslipped_hours(found):.2f} "
+        "h before a tenth of the area first slips, which happens at a utilisation of "
+        f"{INCIPIENT_USED:.3f}.",
         aims_table(_aims(found)),
-        "False slip events by setting: incipient onsets per hour in which less than a tenth of the area has "
-        "slipped so far / gross slips per hour of contact.",
+        "False slip events by setting. First number: incipient onsets per hour before a tenth of the area "
+        "first slips. Second number: gross slips per hour of contact.",
         table(_event_row(hand, some) for hand, some in rows.items()),
     ]
 

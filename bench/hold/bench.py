@@ -77,7 +77,7 @@ def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:
     for (arm, _), some in zip(jobs, measured, strict=True):
         found[arm] += some
     return [
-        f"Grasps of 7 s ({seeds_in_words(chosen.n, REPORTED_FROM)}; rows of fewer grasps use the "
+        f"Grasps of 7 s ({seeds_in_words(chosen.n, REPORTED_FROM)}; rows with fewer grasps use the "
         "first seeds). The needed grip is the smallest with which friction holds the object. Grip over the "
         "needed: for each grasp without a drop, the mean grip while the object hangs freely is divided by "
         "the mean needed grip of the same time; the table has the average over these grasps.",

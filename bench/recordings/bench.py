@@ -136,17 +136,20 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
         "Public recordings of other groups. The column asked says what each method must find in the logs "
         "of a source: the period of a grating, or, for each log, whether there is a slip (of any kind, or a "
         "gross one), a touch or the loss of an object. 'p of sliding' asks for gross slips by the largest "
-        "`p_sliding` of a log, with a threshold that is learnt like that of the rule. Rules and trees are "
-        "scored on each object after they have learnt from the other objects of the source.",
+        "`p_sliding` of a log: it must exceed a threshold, which is learnt from the other objects, as that "
+        "of the rule is. Rules and trees are scored on each object after they have learnt from the other "
+        "objects of the source.",
         table(_row(one) for one in found if one not in measured),
-        "The same, with measured forces. Ridge with squares is a ridge regression on the readings and their "
-        "squares. Force: rms error of each axis, divided by its range, in a cross-validation that leaves out "
-        "whole contacts; in parentheses, the part of the 90 % intervals that contain the true force. Commas "
-        "separate axes, semicolons separate logs; for more than five logs, the median and the range are "
-        "given. Contact: one part is that of the scans with a force of more than 5 % of its range in which "
-        "contact is reported, the other that of the scans with less than 0.5 % in which no contact is "
-        "reported; the score is the mean of both parts, and chance gives 0.5.",
+        "Logs with measured forces. Force: rms error of each axis, in percent of the range of this axis in "
+        "the log, on contacts from which the calibration did not learn. In parentheses: how many of the "
+        "90 % intervals contain the true force. Commas separate axes, semicolons separate logs. For more "
+        "than five logs: the median, then the smallest and the largest. Refused: `tactiled calibrate` made "
+        "no calibration from the log. Ridge with squares is a ridge regression on the readings and their "
+        "squares. Contact: mean of two proportions: of the scans with more than 5 % of the range of force, "
+        "those in which contact is reported, and of the scans with less than 0.5 %, those in which none is "
+        "reported. Chance gives 0.5.",
         table(_row(one) for one in measured),
+        "Aims of these results.",
         aims_table(_aims(found)),
         "Constants that were chosen on a source: "
         + ("; ".join(f"{source.name}: {source.chosen}" for source in here if source.chosen) or "none")

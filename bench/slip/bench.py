@@ -62,11 +62,11 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
         f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: how many are reported as gross slip, and how "
         "many the groove estimator answers, to which the speed is given.",
         table(rows(gratings)),
-        f"Slides and rests of a minute ({seeds_in_words(len(minutes), MINUTES_FROM)}; "
-        f"{len(minutes) - len(long)} rests that slipped are left out), with noise of 0.3 to 3 mV, at the "
-        "setting balanced. Slides have a constant speed of 0.25 to 20 mm/s, and are scored from 0.5 s after "
-        "they begin. Rests use 80 to 97 % of the friction limit. p of sliding: the median over the slides "
-        "that are reported for less than 95 % of their time, and over the rests.",
+        f"Slides and rests of a minute ({seeds_in_words(len(minutes), MINUTES_FROM)}), with noise of 0.3 to "
+        f"3 mV, at the setting balanced. Rests that slipped are left out ({len(minutes) - len(long)} here). "
+        "Slides have a constant speed of 0.25 to 20 mm/s, and are scored from 0.5 s after they begin. Rests "
+        "use 80 to 97 % of the friction limit. p of sliding is a median: over the slides that are reported "
+        "for less than 95 % of their time, and over all rests.",
         table(minute_rows(long)),
     ]
 

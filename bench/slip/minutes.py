@@ -77,7 +77,7 @@ def minute_rows(found: Sequence[Minute]) -> Iterator[dict[str, str]]:
                 [one.told >= _MOST_OF for one in slides]
             ),
             "never reported": ratio([one.told == 0 for one in slides]),
-            "p of sliding in those that are not": _median([o for o in slides if o.told < _MOST_OF]),
+            "p of sliding in slides that are not": _median([o for o in slides if o.told < _MOST_OF]),
             "rests called gross": ratio([one.told > 0 for one in rests]),
             "p of sliding in rests": _median(rests),
         }
