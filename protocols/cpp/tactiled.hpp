@@ -234,9 +234,9 @@ public:
     // this time.
     static constexpr double TIMEOUT_S = 5.0;
 
-    // `endpoint` is that of events, as for Subscription; `control_endpoint` tells that of commands. The daemon
-    // accepts commands over ipc, and over TCP with keys or where its configuration allows them. Throws Error for
-    // a wrong endpoint or file of keys.
+    // `endpoint` is that of events, as for Subscription; `control_endpoint` tells that of commands. Give an ipc
+    // endpoint: over TCP, as by default, the daemon refuses commands without keys, unless its configuration
+    // allows them. Throws Error for a wrong endpoint or file of keys.
     explicit Commander(const std::string& endpoint = DEFAULT_ENDPOINT, const Options& options = {})
         : endpoint_(options.control.value_or(control_endpoint(endpoint))),
           who_(options.who),

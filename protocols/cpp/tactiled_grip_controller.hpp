@@ -6,9 +6,8 @@
 //     // whenever tactile data are stale:
 //     gripper.move(controller.blind());
 //
-// The same as tactiled.client.GripController, which says what each number is and where it comes from; a test plays
-// the same messages to both. What it assumes of a hand: it takes a force in newtons, tells the force that it exerts
-// now, follows within 50 ms, and presses for 0.6 s before it lifts.
+// The same as tactiled.client.GripController; a test plays the same messages to both. docs/hold.md says what it assumes
+// of a hand, and what it does in each situation.
 //
 // Needs C++17 and tactiled_events.hpp. No input, no output, no clock: times are those of the messages.
 #pragma once
