@@ -48,7 +48,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_cmake_finds_it(installed: Path, tmp_path: Path) -> None:
     (lists,) = blocks("cmake")
     (tmp_path / "CMakeLists.txt").write_text(lists.replace("tactiled REQ", "tactiled 0.1 REQ") + MORE_LISTS)
-    (tmp_path / "hold.cpp").write_text(EXAMPLE.read_text())
+    for source in (EXAMPLE, EXAMPLE.with_name("emulated_gripper.hpp")):
+        shutil.copy(source, tmp_path)
     (tmp_path / "listen.c").write_text(EXAMPLE_C.read_text())
     (tmp_path / "other.cpp").write_text(OTHER)  # two files of one program include the header
     flags = f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS)}"
