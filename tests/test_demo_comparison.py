@@ -91,7 +91,8 @@ def test_everything_found_is_right() -> None:
 
 
 @pytest.mark.parametrize(
-    ("until_s", "says"), [(10.9, ["share told gross"]), (7.0, ["utilisation", "share told gross"])]
+    ("until_s", "says"),
+    [(10.9, ["part reported as gross"]), (7.0, ["utilisation", "part reported as gross"])],
 )
 def test_messages_that_deny_the_slide_are_wrong(until_s: float, says: list[str]) -> None:
     found = wrong([*FIRST, *LAST, TEXTURE, *grips(FLAT, until_s=until_s), *grips(GROOVES)])

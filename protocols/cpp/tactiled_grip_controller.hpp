@@ -28,12 +28,12 @@ namespace tactiled {
 class GripController {
 public:
     static constexpr double PRESS_S = 0.6;      // from touch: the grip is kept, until the zero of shear is known
-    static constexpr double TARGET = 0.9;       // utilisation at which an object is held
+    static constexpr double TARGET = 0.9;       // part of the friction bound that is used to hold an object
     static constexpr double GRASP_AGAIN = 1.4;  // times the present force, where all of the contact slides
     static constexpr double GONE_S = 0.2;       // without contact: the object has left the hand
     static constexpr double BLIND = 1.3;        // times the force that was wanted last, while data are stale
 
-    // `target`: highest utilisation (`utilisation_high` of Grip) that is left as it is. `start_n`: force before
+    // `target`: shear over load, divided by the friction bound, at which the object is held. `start_n`: force before
     // the object's weight is felt. `least_n`, `most_n`: limits of the force. Throws std::invalid_argument where a
     // number is not finite, or the limits are not in order.
     explicit GripController(double target = TARGET, double start_n = 6.0, double least_n = 1.0,

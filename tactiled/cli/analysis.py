@@ -132,9 +132,7 @@ class Interval(click.ParamType[tuple[float, float]]):
     metavar="TABLE.parquet",
     help="Analyse many files, and write all events into one table.",
 )
-@click.option(
-    "--jobs", type=click.IntRange(1), help="With --to: files at a time; as many as cores unless told."
-)
+@click.option("--jobs", type=click.IntRange(1), help="With --to: files at a time. [default: number of cores]")
 @JSON
 def detect(
     files: tuple[str, ...],

@@ -36,7 +36,7 @@ def test_the_tutorial_of_the_grip_holds_what_it_does_not_know(tmp_path: Path) ->
     with Reader(tmp_path, tolerance=0.7, may_skip=True) as reader:  # the limits of the page follow
         reader.follow(page, "Try it")
         assert reader.commands == ["python examples/hold.py unix://gripper"]
-    least_n, most_n = map(float, re.findall(r"a force from (\S+) to (\S+) N", page.read_text())[0])
+    least_n, most_n = map(float, re.findall(r"a force of (\S+) to (\S+) N", page.read_text())[0])
     assert least_n == pytest.approx(3.6 / (0.45 * 1.1), abs=0.05)  # load over friction, once it is filled
     assert most_n == pytest.approx(2.5 * least_n, abs=0.1)
     assert least_n < float(reader.last.removeprefix("held with ").removesuffix(" N")) < most_n

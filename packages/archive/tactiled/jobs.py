@@ -10,7 +10,7 @@ from multiprocessing import get_context, parent_process
 
 @contextmanager
 def executor(n_workers: int | None = None) -> Iterator[Executor]:
-    """Start processes, one for each core unless told; jobs not begun when the block ends are cancelled."""
+    """Start processes, one for each core by default; jobs not begun when the block ends are cancelled."""
     # "spawn": a forked child would inherit locks of BLAS threads.
     pool = ProcessPoolExecutor(n_workers, get_context("spawn"), initializer=_end_with_parent)
     # All workers start before the thread that watches them. If one ended while another was being started,

@@ -179,7 +179,7 @@ def _compare_grips(
         used = median(grip.utilisation for grip in while_sliding)
         told = sum(grip.state == "gross" for grip in while_sliding) / len(while_sliding)
     out.add(f"{name}: utilisation", 1.0, used, MAX_USED_ERROR, "")
-    out.add(f"{name}: share told gross", 1.0, told, MAX_UNTOLD_SHARE, "")
+    out.add(f"{name}: part reported as gross", 1.0, told, MAX_UNTOLD_SHARE, "")
 
 
 def _compare_grooves(
