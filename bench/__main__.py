@@ -28,7 +28,7 @@ class Bench(NamedTuple):
 
 
 BENCHES = {
-    "clock": Bench("bench.clock", ("tactiled/samples", "tactiled/wire", "bench/clock.py")),
+    "clock": Bench("bench.clock", ("tactiled/samples", "tactiled/wire", "bench/clock.py"), "bench.clock"),
     "latency": Bench("bench.latency.bench", (*_LIVE, "bench/latency")),
     "native": Bench("bench.native.bench", ("protocols/cpp", "bench/native")),
     "throughput": Bench("bench.throughput.bench", (*_LIVE, "bench/throughput")),
@@ -36,7 +36,9 @@ BENCHES = {
     "grip": Bench("bench.grip.bench", (*_WORLDS, "bench/train", "bench/grip"), _ANSWERS),  # it trains its own
     "hands": Bench("bench.grip.hands", (*_FILTER, "bench/grip", "bench/slip/cases.py"), _ANSWERS),
     "hold": Bench(
-        "bench.hold.bench", (*_FILTER, "packages/client/tactiled/client/grip_controller.py"), _ANSWERS
+        "bench.hold.bench",
+        (*_FILTER, "packages/client/tactiled/client/grip_controller.py"),
+        "bench.hold.answers",
     ),
     "texture": Bench("bench.texture.bench", ("tactiled/detect", "bench/texture"), "bench.texture.answers"),
     "recordings": Bench(

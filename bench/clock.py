@@ -87,6 +87,18 @@ def bench_clock(progress: ProgressBar, options: BenchOptions) -> list[str]:
     return [title, table(rows)]
 
 
+def answers() -> dict[str, list[float]]:
+    """Return errors and stated deviations (ms) of the last scan of short runs: see `bench.report.as_json`."""
+    found = {}
+    for line in _LINES:
+        for pings in (False, True):
+            errors_s, sds_s = timing(line, 1000, _SETTLED_S, pings=pings)  # no seed of a result
+            found[f"{line.name}, {pings}"] = [
+                round(1e3 * float(last), 9) for last in (errors_s[-1], sds_s[-1])
+            ]
+    return found
+
+
 def timing(
     line: LineConditions, seed: int, duration_s: float, *, pings: bool = False
 ) -> tuple[FloatArray, FloatArray]:

@@ -65,7 +65,7 @@ def bench_hands(progress: ProgressBar, options: BenchOptions) -> list[str]:
         f"{INCIPIENT_USED:.3f}.",
         aims_table(_aims(found)),
         "False slip events by setting. First number: incipient onsets per hour before a tenth of the area "
-        "first slips. Second number: gross slips per hour of contact.",
+        "first slips. Second number: gross slips per hour of contact. In parentheses: their number.",
         table(_event_row(hand, some) for hand, some in rows.items()),
     ]
 
@@ -111,7 +111,7 @@ def _event_row(hand: str, some: Sequence[Minute]) -> dict[str, str]:
             (sum(one.onsets[name] for one in some), _unslipped_hours(some)),
             (sum(one.gross[name] for one in some), _hours(some)),
         )
-        row[name] = " / ".join(f"{n / hours:.1f}" if hours else NONE for n, hours in parts)
+        row[name] = " / ".join(f"{n / hours:.1f} ({n})" if hours else NONE for n, hours in parts)
     return row
 
 

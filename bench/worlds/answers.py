@@ -2,22 +2,28 @@
 
 import numpy as np
 
+from bench.slip.cases import run_settings
 from bench.worlds.generators import GENERATORS, draw
-from tactiled.detect.contact.grip_detector import GripDetector
-from tactiled.events.types import GripEvent
+from tactiled.detect.suite import DetectParams
+from tactiled.events.types import Event, GripEvent
 
+_DEFAULT = DetectParams().setting
 _SEEDS, _MINUTES = range(500_000, 500_002), 0.2  # choice: on other seeds than any result
 
 
 def answers() -> dict[str, list[float]]:
-    """Return mean utilisation, mean probability of sliding and number of other events, by generator."""
+    """Return mean utilisation and probability of sliding, and other events by setting, of each generator."""
     found = {}
     for generator in GENERATORS:
-        events = [
-            event
-            for world in draw(generator, _SEEDS, _MINUTES)
-            for event in GripDetector(world.array).process(world.block)
+        by_setting: dict[str, list[Event]] = {}
+        for world in draw(generator, _SEEDS, _MINUTES):
+            for name, events in run_settings(world.array, world.block).items():
+                by_setting.setdefault(name, []).extend(events)
+        grips = [
+            (event.utilisation, event.p_sliding)
+            for event in by_setting[_DEFAULT]
+            if isinstance(event, GripEvent)
         ]
-        grips = [(event.utilisation, event.p_sliding) for event in events if isinstance(event, GripEvent)]
-        found[generator] = [*np.mean(grips, axis=0).round(9).tolist(), len(events) - len(grips)]
+        n_others = [sum(not isinstance(one, GripEvent) for one in some) for some in by_setting.values()]
+        found[generator] = [*np.mean(grips, axis=0).round(9).tolist(), *n_others]
     return found

@@ -67,7 +67,11 @@ TOPIC = click.option("--topic", help="Topic of a bag, or TOPIC.FIELD, whose numb
 BOARD = click.option(
     "--board", default="", help="Serial number of the board, where the daemon reads several."
 )
-KEYS = click.option("--keys", type=FILE, help="Key file of this client, from `tactiled keys make`.")
+KEYS = click.option(
+    "--keys",
+    type=FILE,
+    help="Key file of this client: of `tactiled keys make`, or for zenoh of `tactiled keys fleet`.",
+)
 
 
 def _or_no_terminal(_context: click.Context, _parameter: click.Parameter, is_asked: bool) -> bool:

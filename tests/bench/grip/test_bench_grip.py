@@ -106,7 +106,7 @@ def test_hands_that_hold_stay_where_they_are_planned() -> None:
 
 def test_false_onsets_are_counted_by_the_hours_in_which_they_can_be_false() -> None:
     one = Minute("rest", 1.0, 0.1, Counter(balanced=1), Counter(balanced=2))
-    assert _event_row("rest", [one])["balanced"] == "10.0 / 2.0"
+    assert _event_row("rest", [one])["balanced"] == "10.0 (1) / 2.0 (2)"
 
 
 def test_every_aim_judges_the_worst_generator(worlds: list[World]) -> None:
