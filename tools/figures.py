@@ -9,7 +9,9 @@ A figure is a file that ``./run bench NAME --json docs/figures/NAME.json`` write
   comment before, or else to the beginning of the paragraph, list item or table row. Each term between
   semicolons selects the texts and cells in whose title, row or heading all of its parts occur, each from
   the beginning of a word on. Each number must be in a selected text or cell, in the heading of such a cell
-  or in the first cell of its row. Where the figure has "A of B", so must the page for the same B.
+  or in the first cell of its row. Of rows of aims, one number of the results must be among them. Where the
+  figure has "A of B", so must the page for the same B, in the same order. The interval of a proportion (see
+  `interval`) may follow it in brackets, as in "48 of 68 [59 to 80 %]".
 - ``<!-- from elsewhere -->``: the numbers before it are of no figure.
 
 With ``--check`` it writes nothing, and fails where pages and figures differ. Tables that it writes have the
@@ -82,6 +84,18 @@ class Figure:
     def select(self, term: str) -> list[str]:
         """Return the texts and cells at a term, each cell with its heading and the first of its row."""
         return [words for place, words in self._places() if _matches(place, [term])]
+
+    def results(self, term: str) -> set[float]:
+        """Return the numbers of the results in rows at a term, of tables of aims: what follows the limit."""
+        rows = [row for section in self.sections if not isinstance(section, str) for row in section]
+        cells = (
+            cell
+            for row in rows
+            if "limit" in row and _matches(" ".join([*row.values(), *row]), [term])
+            for heading, cell in row.items()
+            if heading not in ("aim", "limit")
+        )
+        return numbers(" ".join(cells))
 
     def _places(self) -> Iterator[tuple[str, str]]:
         """Yield what terms are looked for in, and the words that have the numbers, of each text and cell."""
@@ -158,7 +172,7 @@ class Claim(NamedTuple):
     name: str
     terms: list[str]
     numbers: set[float]
-    ratios: set[tuple[str, str]]  # "A of B"
+    ratios: list[tuple[str, str]]  # "A of B", in the order of the page
 
 
 def claims(text: str) -> list[Claim]:
@@ -169,7 +183,7 @@ def claims(text: str) -> list[Claim]:
             mark[1],
             _terms(mark[2]),
             numbers(said := without_intervals(_BEGINNING.split(text[: mark.start()])[-1])),
-            set(_RATIO.findall(said)),
+            _RATIO.findall(said),
         )
         for mark in _MARK.finditer(text)
     ]
@@ -194,19 +208,24 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
         if _ageless(with_figures(block[0], figures)) != _ageless(block[0]):
             yield f"{line}: differs from {file}; run `python -m tools.figures`"
     for line, name, terms, said, ratios in claims(text):
-        file, known, counted = f"docs/figures/{name}.json", set[float](), set[tuple[str, str]]()
+        file, known, counted = f"docs/figures/{name}.json", set[float](), list[tuple[str, str]]()
         if name not in figures:
             yield f"{line}: there is no {file}"
             continue
         for term in terms:
             selected = figures[name].select(term)
             known |= numbers(" ".join(selected))
-            counted |= set(_RATIO.findall(" ".join(selected)))
+            counted += _RATIO.findall(" ".join(selected))
             if not selected:
                 yield f"{line}: {file} has nothing at `{term}`"
-        for part, whole in sorted(ratios - counted):
+            if (results := figures[name].results(term)) and not results & said:
+                yield f"{line}: no result of {file} at `{term}` is said"
+        for part, whole in sorted(set(ratios) - set(counted)):
             if whole in {other for _, other in counted}:
                 yield f"{line}: {part} of {whole} is not in {file} at `{'; '.join(terms)}`"
+        left = iter(counted)
+        if not all(one in left for one in ratios if one in counted):
+            yield f"{line}: proportions are in another order than in {file} at `{'; '.join(terms)}`"
         for number in sorted(said - known):
             yield f"{line}: {number:g} is not in {file} at `{'; '.join(terms)}`"
 

@@ -140,6 +140,19 @@ def test_the_interval_of_a_proportion(ratio: str, bounds: str) -> None:
     assert interval("3", "0") == interval("14", "13") == ""
 
 
+def test_the_aim_is_no_result_and_proportions_keep_their_order() -> None:
+    rows = [{"aim": "grip", "limit": "at most 1.4", "measured": "MISSED: 2.02"}]
+    known = {"hold": replace(SLIP, sections=[rows])}
+    page = "The grip is 2.02 (aim: 1.4). <!-- from hold: grip -->"
+    assert not list(problems(page, known))
+    assert list(problems(page.replace("2.02", "1.4"), known)) == [
+        "1: no result of docs/figures/hold.json at `grip` is said"
+    ]
+    page = "12 of 13 and 10 of 13 are found. <!-- from slip: gross -->"
+    assert not list(problems(page, KNOWN))
+    assert list(problems("10 of 13 and 12 of 13 are found. <!-- from slip: gross -->", KNOWN))
+
+
 @pytest.mark.parametrize("bounds", ["[51 to 92 %]", "[50 to 91 %]"])
 def test_a_wrong_interval_is_a_number_that_the_figure_does_not_have(bounds: str) -> None:
     page = "10 of 13 [50 to 92 %] are found. <!-- from slip: gross / quiet -->"
