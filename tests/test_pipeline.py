@@ -501,6 +501,16 @@ def test_each_slide_of_stick_and_slip_is_a_gross_slip(setting: str) -> None:
     assert kinds.count("gross") == len(Truth(load_scene("stick-slip")).slips)
 
 
+def test_a_line_whose_rate_is_below_zero_is_weighed_as_any_other() -> None:
+    """On a flat plate, noise is at times taken for a slow ripple, which the fit refines to below zero."""
+    detect = DetectParams.model_validate({"texture": {"speed_mm_s": 1.0}})
+    target = Pipeline(LAYOUT, ARRAY, PipelineParams(detect=detect))
+    simulation = Simulation(load_scene("demo").with_changes(seed=14), LAYOUT, duration_s=12.6)
+    found = [event for now_s, data in simulation for event in target.receive_data(data, now_s)]
+    assert any(isinstance(event, SlipEvent) and event.kind == "gross" for event in found)
+    assert not any(isinstance(event, TextureEvent) and event.status == "ok" for event in found)
+
+
 def test_text_between_the_lines_of_a_board_does_not_prevent_the_measurement_of_its_rate() -> None:
     target = Pipeline(load_layout("load-cell"), load_array("load-cell"))
     reads = [
