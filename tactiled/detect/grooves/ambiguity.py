@@ -217,10 +217,9 @@ def contradicts_motion(best: RefinedWave, k: FloatArray) -> bool:
         return False
     tied, loose = weigh_interpretations(best, k), weigh_interpretations(best, others, motion=free.motion)
     # For waves of another motion, too, the component of k along the given one is an observation. Where the
-    # true speed may be any within a factor of e of the given one, its density is one over the component.
-    density = abs(
-        window.half_travel / best.phase_rate
-    )  # the line of a slow wave may be refined to below zero
+    # true speed may be any within a factor of e of the given one, its density is one over the component. The
+    # rate may be below zero: of an aliased line, and of a slow one.
+    density = abs(window.half_travel / best.phase_rate)
     odds = loose.log_evidence + np.log(density) - tied.log_evidence
     return bool(odds > -np.log(window.params.error_probability))
 

@@ -79,6 +79,8 @@ class Change(NamedTuple):
 def travelling_line(z: NDArray[np.complex128], first_cycles: int) -> float:
     """Logarithm of the power of the strongest bin over that of any other, except its lobe and harmonics.
 
+    Where the first bin is the strongest, also over what creep would leave there.
+
     Of spectra (bins, channels) under a Hann window, each channel over its own standard deviation, whose first
     bin has `first_cycles` periods in the window; 0 where the line does not travel.
     """
