@@ -121,16 +121,17 @@ def refine(window: DetrendedWindow, start: PlaneWaves) -> RefinedWave:
 
 def _climb(window: DetrendedWindow, start: PlaneWaves, n_harmonics: int) -> RefinedWave:
     """Climb until the normal equations are those of the wave's frequency."""
-    k, phase_rate, phase = start.k, start.phase_rate, None
+    k, phase_rate, phase, line = start.k, start.phase_rate, None, None
     for _ in range(_REFINEMENTS):
         best = refine_once(window, k, phase_rate, n_harmonics, phase)
+        line = line or best.equations
         moved = max(
             float(np.abs(best.waves.phase_rate - phase_rate)[0]), float(np.abs(best.waves.k - k).max())
         )
         k, phase_rate, phase = best.waves.k, best.waves.phase_rate, best.waves.phase
         if moved < _CONVERGED_RAD:
             break
-    return replace(best, is_wave=suits_channels(best, float(start.phase_rate[0])))
+    return replace(best, is_wave=suits_channels(best, line or best.equations))
 
 
 def refine_once(
@@ -147,10 +148,13 @@ def refine_once(
     return RefinedWave(waves, equations, solver.has_strays(equations, waves))
 
 
-def suits_channels(best: RefinedWave, phase_rate: float) -> bool:
-    """True where the phases of a wave that was found from a start at `phase_rate` suit the channels."""
-    if abs(best.phase_rate - phase_rate) >= _LARGEST_PHASE_RATE_MOVE:
+def suits_channels(best: RefinedWave, line: NormalEquations) -> bool:
+    """True where the phases of a wave suit the channels, and explain the line from which the climb began.
+
+    A climb from a strong line of less than a period may end at a rate at which the channels have nothing.
+    """
+    if abs(best.phase_rate - line.phase_rate) >= _LARGEST_PHASE_RATE_MOVE:
         return False
-    free = float((best.equations.explained / best.variance).sum())
+    free = max(float((own.explained / own.variance).sum()) for own in (line, best.equations))
     noise = float(special.chdtri(len(best.variance) * best.equations.n_harmonics, FALSE_ALARM))
     return free - float(best.waves.gain[0]) < max(_MOST_UNEXPLAINED_PART * free, noise)

@@ -7,7 +7,8 @@ import pytest
 from gratings import ARRAY, Grating, MotionOf, Slide, answer, assert_refused, fit, known, motions, off
 from scipy import signal
 
-from tactiled.detect.grooves.outcome import GrooveAnswer
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
+from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
 
 
 def test_phase_mismatch_between_taxels_widens_the_sigmas() -> None:
@@ -70,6 +71,18 @@ def test_one_frequency_with_random_phases_is_no_wave(motion_of: MotionOf) -> Non
         hum = 0.02 * np.cos(4 * np.pi * slide.times()[:, np.newaxis] + rng.uniform(-np.pi, np.pi, 36))
         found = fit(slide, motion_of(slide), volts=slide.volts(ARRAY) + hum)
         assert_refused(found, "low-snr", "ambiguous", "uneven-channels", "aliased")
+
+
+@pytest.mark.parametrize("seed", [33, 114, 206, 248, 276, 298])
+def test_a_strong_line_of_less_than_a_period_is_not_answered_by_what_is_beside_it(seed: int) -> None:
+    """Slow waves of uneven friction: a climb could end where the channels have a thousandth of the line."""
+    rng = np.random.default_rng(seed)
+    slide, rate_hz = Slide((), speed_mm_s=1.0, duration_s=1.6), rng.uniform(0.4, 0.65)
+    layout, k = channel_layout(ARRAY), rng.normal(0, 2, 2)
+    phases = layout.xy_mm @ k + rng.normal(0, 0.5, 36)
+    wave = 0.05 * np.cos(2 * np.pi * rate_hz * slide.times()[:, np.newaxis] + phases)
+    readings = 1 + wave * (1 + 0.3 * rng.normal(size=36)) + 4e-4 * rng.normal(size=wave.shape)
+    assert isinstance(fit(slide, WaveMotion(1.0, direction_sd_deg=1.0), volts=readings), Refusal)
 
 
 @pytest.mark.parametrize("period_mm", [1.75, 1.8, 1.85])
