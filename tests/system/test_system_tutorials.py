@@ -14,6 +14,12 @@ from tactiled import resources
 from tactiled.errors import OperatorError
 
 DOCS = Path(__file__).parents[2] / "docs"
+ITS_GRIPPER = f"""
+import sys
+sys.path.append({str(DOCS.parent / "examples")!r})
+from hold import EmulatedGripper
+hold(EmulatedGripper("unix://gripper"))
+"""
 PRINTED = '{"topic": "slip", "kind": "gross", "direction_deg": 90.2, "valid": true, "seq": 3}'
 
 
@@ -31,12 +37,19 @@ def test_a_tutorial_prints_what_it_shows(page: str, heading: str, commands: int,
 
 @pytest.mark.system
 @pytest.mark.alone
-def test_the_tutorial_of_the_grip_holds_what_it_does_not_know(tmp_path: Path) -> None:
-    page = DOCS / "hold.md"
+@pytest.mark.parametrize("program", ["examples/hold.py unix://gripper", "own.py"])
+def test_the_tutorial_of_the_grip_holds_what_it_does_not_know(program: str, tmp_path: Path) -> None:
+    text = (DOCS / "hold.md").read_text()
+    if program == "own.py":  # the loop of the page, which prints nothing but what the gripper says at the end
+        (loop,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+        (tmp_path / program).write_text(f"{loop}\n{ITS_GRIPPER}")
+        text = re.sub(r"    .* N \w+ [\d.]+\n", "", text.replace("examples/hold.py unix://gripper", program))
+    page = tmp_path / "page.md"
+    page.write_text(text)
     with Reader(tmp_path, tolerance=0.7, may_skip=True) as reader:  # the limits of the page follow
         reader.follow(page, "Try it")
-        assert reader.commands == ["python examples/hold.py unix://gripper"]
-    least_n, most_n = map(float, re.findall(r"a force of (\S+) to (\S+) N", page.read_text())[0])
+        assert reader.commands == [f"python {program}"]
+    least_n, most_n = map(float, re.findall(r"a force of (\S+) to (\S+) N", text)[0])
     assert least_n == pytest.approx(3.6 / (0.45 * 1.1), abs=0.05)  # load over friction, once it is filled
     assert most_n == pytest.approx(2.5 * least_n, abs=0.1)
     assert least_n < float(reader.last.removeprefix("held with ").removesuffix(" N")) < most_n
