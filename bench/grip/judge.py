@@ -17,6 +17,7 @@ RECALL = 0.8
 _EARLY_S, _LATE_S = 0.1, 0.3  # before and after the beginning of gross slip: an alarm then finds it
 _OFF_S = 0.08
 _ANNOUNCED_S = 0.02  # between values that a hand announces
+_NEW_S = 2.0  # from the beginning of a slide: what a hand may still hold
 _USED = 0.5  # utilisation from which its error counts
 _RANKS, _RESAMPLES = 1000, 400  # the area differs by less than 0.001 from that of all ranks
 
@@ -43,6 +44,16 @@ class Course:
         """A slide came and went before the scan."""
         ends = np.diff(self.slides.astype(int), prepend=0) < 0
         return np.logical_or.accumulate(ends)
+
+    @property
+    def has_new(self) -> NDArray[np.bool_]:
+        """Scans without a slide, or in the first seconds of one.
+
+        A few worlds slide evenly for half a minute, and have most of the time that slides.
+        """
+        gross, scans = self.world.gross, np.arange(len(self.world.gross))
+        begun = np.maximum.accumulate(np.where(np.diff(gross.astype(int), prepend=0) > 0, scans, 0))
+        return np.asarray(~gross | (scans - begun < _NEW_S * self.world.rate_hz))[self.at]
 
     @property
     def utilisation(self) -> FloatArray:
@@ -88,6 +99,7 @@ class Score(NamedTuple):
 
     auc: float  # of the probability of sliding, scan by scan
     auc_interval: tuple[float, float]  # of 90 %, for other worlds of the same generator
+    auc_new: float  # in the first seconds of slides
     skill_300ms: float  # Brier skill of gross slip in 300 ms, where nothing slides and nothing is said to
     # used_rms, coverage: utilisation from 0.5: error of the median, part within the interval of 90 %
     used_rms: float
@@ -95,6 +107,7 @@ class Score(NamedTuple):
     used_rms_later: float  # the same error after a first slide in the world; NaN without one
     coverage: float
     told_gross: float  # part of the sliding time in which the state is gross
+    told_gross_new: float  # of the first seconds of slides
     rests_while_gross: float  # part of the time with that state in which not all of the contact slides
     # false gross slips in an hour of contact at a recall of 80 %; NaN where that is never reached
     false_per_h: float
@@ -114,6 +127,7 @@ def score(courses: Sequence[Course]) -> Score:
     asked = ~slides & ~told  # while a gross slip is open, nothing is forecast
     ahead = np.concatenate([c.p_gross_300ms for c in courses])[asked]
     soon = np.concatenate([c.soon for c in courses])[asked]
+    new = np.concatenate([c.has_new for c in courses])
     later = np.concatenate([c.slid_before for c in courses])
     high = used >= _USED
     error = quantiles[high, 1] - used[high]
@@ -124,12 +138,14 @@ def score(courses: Sequence[Course]) -> Score:
     return Score(
         auc=float(roc_auc_score(slides, p)),
         auc_interval=_auc_interval(courses),
+        auc_new=float(roc_auc_score(slides[new], p[new])),
         skill_300ms=_skill(ahead, soon),
         used_rms=rms(error),
         friction_rms=float(np.sqrt(np.nanmean((by_friction[high] - used[high]) ** 2))),
         used_rms_later=rms(error[later[high]]),
         coverage=float(np.mean(inside)),
         told_gross=float(told[slides].mean()),
+        told_gross_new=float(told[slides & new].mean()),
         rests_while_gross=float((told & ~slides).sum() / max(told.sum(), 1)),
         false_per_h=_false_per_h(courses),
         resting_false_per_h=sum(int(np.sum(np.diff(c.told_gross.astype(int), prepend=0) > 0)) for c in calm)

@@ -48,6 +48,7 @@ def test_scores_of_the_truth_are_perfect(worlds: list[World]) -> None:
     assert (found.used_rms, found.coverage) == (0.0, 1.0)
     assert found.friction_rms == pytest.approx(0.0, abs=1e-12)
     assert (found.told_gross, found.rests_while_gross, found.resting_false_per_h) == (1.0, 0.0, 0.0)
+    assert (found.auc_new, found.told_gross_new) == pytest.approx((1.0, 1.0))
     assert found.auc_interval == (1.0, 1.0)
     assert found.false_per_h == 0.0
 
@@ -70,6 +71,22 @@ def test_worlds_that_disagree_make_the_interval_of_the_area_wide(worlds: list[Wo
     low, high = found.auc_interval
     assert low < found.auc < high
     assert high - low > 0.3
+
+
+def test_what_happens_later_in_a_long_slide_counts_only_where_the_whole_slide_does(
+    worlds: list[World],
+) -> None:
+    world = next(world for world in worlds if world.slips)
+    begin = int(np.argmax(world.gross))
+    n_long = round(5 * world.rate_hz)  # as if it slid for seconds, of which two are reported
+    gross = np.zeros(len(world.gross), dtype=np.bool_)
+    gross[begin : begin + n_long] = True
+    lasting = truth(dataclasses.replace(world, gross=gross))
+    reported = gross & (np.arange(len(gross)) < begin + 2 * world.rate_hz)
+    found = score([dataclasses.replace(lasting, p_sliding=reported.astype(float), told_gross=reported)])
+    assert (found.auc_new, found.told_gross_new) == (1.0, 1.0)
+    assert found.told_gross == pytest.approx(2 * world.rate_hz / gross.sum(), abs=0.01)
+    assert found.auc == pytest.approx((1 + found.told_gross) / 2, abs=0.01)
 
 
 def test_an_alarm_that_never_ends_finds_no_slip(worlds: list[World]) -> None:
