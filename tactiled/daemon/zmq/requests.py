@@ -130,7 +130,7 @@ class Motion(CommandRequest):
 
     do: Literal["motion"]
     acceleration_m_s2: Values[Acceleration] = Field(
-        description="of the hand along the pull, gravity's part included: 9.81 at rest; a number or a list"
+        description="of the hand minus that of gravity, against the object's pull: 9.81 at rest; or a list"
     )
     time_s: Values[SenderTime] | None = Field(
         default=None,

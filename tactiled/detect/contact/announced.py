@@ -17,7 +17,7 @@ _KEPT = 2048  # choice: values: two seconds at 1000 Hz, one of them announced ah
 
 
 class AnnouncedMotion:
-    """Acceleration of the hand along the pull, gravity's part included, as it was announced.
+    """Acceleration of the hand minus that of gravity, against the object's pull, as it was announced.
 
     Each value holds from its instant until the next one, for `HOLD_S` at most. An announcement replaces what
     was announced before for its first instant and later ones: a controller may announce its plan and change

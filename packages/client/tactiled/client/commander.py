@@ -186,8 +186,8 @@ class Commander(_Connected):
         Parameters
         ----------
         acceleration_m_s2 : float or iterable of float
-            Acceleration of the hand along the pull, gravity's part included: 9.81 for a hand at rest. At most
-            256 values.
+            Acceleration of the hand minus that of gravity, against the direction in which the object pulls at
+            the skin: 9.81 for a hand at rest from which it hangs. At most 256 values.
         time_s : float or iterable of float, optional
             Instant of each value by ``time.monotonic()`` of this program, never decreasing, within 1 s of
             now. A value holds for 0.1 s. Left out: one value, which counts from its arrival on.
