@@ -11,7 +11,8 @@ A figure is a file that ``./run bench NAME --json docs/figures/NAME.json`` write
   the beginning of a word on. Each number must be in a selected text or cell, in the heading of such a cell
   or in the first cell of its row. Of rows of aims, one number of the results must be among them. Where the
   figure has "A of B", so must the page for the same B, in the same order. The interval of a proportion (see
-  `interval`) may follow it in brackets, as in "48 of 68 [59 to 80 %]".
+  `interval`) may follow it in brackets, as in "48 of 68 [59 to 80 %]". A term that ends with ``= least`` or
+  ``= most`` wants the least or the largest number of the selected cells.
 - ``<!-- from elsewhere -->``: the numbers before it are of no figure.
 
 With ``--check`` it writes nothing, and fails where pages and figures differ. Tables that it writes have the
@@ -22,7 +23,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from math import sqrt
 from pathlib import Path
@@ -44,6 +45,7 @@ _OTHER = re.compile(
 _BEGINNING = re.compile(r"<!--.*?-->|\n\s*\n|\n(?=\s*(?:[-|#>] |\d+\. ))", re.DOTALL)  # of what a mark covers
 _NOT_WORDS = re.compile(r"`[^`]*`|\]\([^)]*\)|\A\s*\d+\. ")  # code, addresses of links, number of a list item
 _NUMBER = re.compile(r"(?<!\w)[-\u2212]?\d+(?:,\d{3})*(?:\.\d+)?")
+_EXTREMES: Mapping[str, Callable[..., float | None]] = {"least": min, "most": max}
 _Z = 1.96  # quantile of 97.5 % of a normal variable
 _RATIO = re.compile(r"(?<!\w)(\d+(?:,\d{3})*) of (\d+(?:,\d{3})*)(?!,?\d|\.\d| ?%)")
 
@@ -83,7 +85,12 @@ class Figure:
 
     def select(self, term: str) -> list[str]:
         """Return the texts and cells at a term, each cell with its heading and the first of its row."""
-        return [words for place, words in self._places() if _matches(place, [term])]
+        return [words for place, words, _ in self._places() if _matches(place, [term])]
+
+    def extreme(self, term: str, which: str) -> float | None:
+        """Return the least or the largest number of the cells at a term; None without one."""
+        found = numbers(" ".join(cell for place, _, cell in self._places() if _matches(place, [term])))
+        return _EXTREMES[which](found, default=None)
 
     def results(self, term: str) -> set[float]:
         """Return the numbers of the results in rows at a term, of tables of aims: what follows the limit."""
@@ -97,18 +104,21 @@ class Figure:
         )
         return numbers(" ".join(cells))
 
-    def _places(self) -> Iterator[tuple[str, str]]:
-        """Yield what terms are looked for in, and the words that have the numbers, of each text and cell."""
+    def _places(self) -> Iterator[tuple[str, str, str]]:
+        """Yield what terms are looked for in, the words that have the numbers, and the cell, of each cell.
+
+        A text is a cell, too.
+        """
         title = ""
         for section in self.sections:
             if isinstance(section, str):
                 title = section
-                yield title, title
+                yield title, title, title
                 continue
             for row in section:
                 label, *_ = row.values()
                 for heading, cell in row.items():
-                    yield " ".join([title, *row.values(), heading]), f"{label} {heading} {cell}"
+                    yield " ".join([title, *row.values(), heading]), f"{label} {heading} {cell}", cell
 
     def _head(self) -> str:
         commit, date = (self.commit or "not known")[:9], (self.date or "not known")[:10]
@@ -212,8 +222,10 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
         if name not in figures:
             yield f"{line}: there is no {file}"
             continue
-        for term in terms:
+        for term, _, which in (one.partition(" = ") for one in terms):
             selected = figures[name].select(term)
+            if which and (which not in _EXTREMES or figures[name].extreme(term, which) not in said):
+                yield f"{line}: the {which} of {file} at `{term}` is not said"
             known |= numbers(" ".join(selected))
             counted += _RATIO.findall(" ".join(selected))
             if not selected:

@@ -153,6 +153,22 @@ def test_the_aim_is_no_result_and_proportions_keep_their_order() -> None:
     assert list(problems("10 of 13 and 12 of 13 are found. <!-- from slip: gross -->", KNOWN))
 
 
+@pytest.mark.parametrize(
+    ("said", "term", "is_right"),
+    [
+        ("127 at best", "onsets = least", True),
+        ("1,282 at worst", "onsets = most", True),
+        ("1,282 at best", "onsets = least", False),
+        ("127 at worst", "onsets = most", False),
+        ("127 to 1,282", "onsets = least; onsets = most", True),
+        ("127 at best", "onsets = best", False),
+        ("at best", "onsets / wang2019 = least", False),
+    ],
+)
+def test_the_best_and_the_worst_of_some_cells(said: str, term: str, is_right: bool) -> None:
+    assert bool(list(problems(f"{said} <!-- from slip: {term} -->", KNOWN))) is not is_right
+
+
 @pytest.mark.parametrize("bounds", ["[51 to 92 %]", "[50 to 91 %]"])
 def test_a_wrong_interval_is_a_number_that_the_figure_does_not_have(bounds: str) -> None:
     page = "10 of 13 [50 to 92 %] are found. <!-- from slip: gross / quiet -->"
