@@ -5,14 +5,15 @@ A figure is a file that ``./run bench NAME --json docs/figures/NAME.json`` write
 - ``<!-- figure: NAME -->`` and ``<!-- end -->``: texts and tables of the figure, which this command writes,
   stand between them. ``<!-- figure: NAME: PART / PART; PART -->`` has a part of them: the texts and the rows
   (with the headings of the table) in which all parts of a term occur, and the text before each such table.
-- ``<!-- from NAME: PART / PART; PART -->``: the numbers before it are those of the figure, back to the
-  comment before, or else to the beginning of the paragraph, list item or table row. Each term between
+- ``<!-- from NAME: PART / PART; PART = 1 4 least -->``: the numbers before it are those of the figure, back
+  to the comment before, or else to the beginning of the paragraph, list item or table row. Each term between
   semicolons selects the texts and cells in whose title, row or heading all of its parts occur, each from
-  the beginning of a word on. Each number must be in a selected text or cell, in the heading of such a cell
-  or in the first cell of its row. Of rows of aims, one number of the results must be among them. Where the
-  figure has "A of B", so must the page for the same B, in the same order. The interval of a proportion (see
-  `interval`) may follow it in brackets, as in "48 of 68 [59 to 80 %]". A term that ends with ``= least`` or
-  ``= most`` wants the least or the largest number of the selected cells.
+  the beginning of a word on. Then follows, for each number of the page, which number of the selection it is.
+  The selection is each text, and each cell after the first cell of its row and its heading. ``least`` and
+  ``most`` are those of the selected cells, without what is in parentheses or follows a slash. This command
+  fills in what follows ``=`` if that is missing (see whether it chose what is meant), and later writes the
+  numbers of new figures into the page (see whether the sentence still holds). The interval of a proportion
+  (see `interval`) may follow it in brackets, as in "48 of 68 [59 to 80 %]".
 - ``<!-- from elsewhere -->``: the numbers before it are of no figure.
 
 With ``--check`` it writes nothing, and fails where pages and figures differ. Tables that it writes have the
@@ -23,7 +24,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import sqrt
 from pathlib import Path
@@ -38,16 +39,17 @@ _BLOCK = re.compile(
     r"(?<!`)(<!-- figure: ([^\s:]+)(?:: ([^>]+))? -->\n)(?:(?!<!-- figure: ).)*?(<!-- end -->)", re.DOTALL
 )
 _EDGE = re.compile(r"(?<!`)<!-- (?:figure: .*?|end) -->")
-_MARK = re.compile(r"(?<!`)<!-- from (\S+): ([^>]+) -->")
+_MARK = re.compile(r"(?<!`)<!-- from (\S+): ([^>=]+?)(?:\s+=\s+([^>=]+))? -->")
 _OTHER = re.compile(
     r"(?<!`)<!--(?! figure: [^\s:]+(?:: [^>]+)? -->| end -->| from elsewhere -->| from \S+: [^>]+ -->)"
 )
 _BEGINNING = re.compile(r"<!--.*?-->|\n\s*\n|\n(?=\s*(?:[-|#>] |\d+\. ))", re.DOTALL)  # of what a mark covers
 _NOT_WORDS = re.compile(r"`[^`]*`|\]\([^)]*\)|\A\s*\d+\. ")  # code, addresses of links, number of a list item
 _NUMBER = re.compile(r"(?<!\w)[-\u2212]?\d+(?:,\d{3})*(?:\.\d+)?")
-_EXTREMES: Mapping[str, Callable[..., float | None]] = {"least": min, "most": max}
 _Z = 1.96  # quantile of 97.5 % of a normal variable
 _RATIO = re.compile(r"(?<!\w)(\d+(?:,\d{3})*) of (\d+(?:,\d{3})*)(?!,?\d|\.\d| ?%)")
+_INTERVAL = re.compile(r"(?<=\d) \[[\d.]+ to [\d.]+ %\]")
+_RATIO_WITH_INTERVAL = re.compile(rf"({_RATIO.pattern}){_INTERVAL.pattern}")
 
 
 @dataclass(frozen=True)
@@ -83,42 +85,34 @@ class Figure:
                 shown += [_table(rows)] if text in ["", *shown] else [text, _table(rows)]
         return shown
 
-    def select(self, term: str) -> list[str]:
-        """Return the texts and cells at a term, each cell with its heading and the first of its row."""
-        return [words for place, words, _ in self._places() if _matches(place, [term])]
+    def selected(self, term: str) -> list[str]:
+        """Return the numbers at a term, of each cell after those of its row's first cell and heading."""
+        return [one for words, _ in self._places(term) for one in numbers(words)]
 
-    def extreme(self, term: str, which: str) -> float | None:
-        """Return the least or the largest number of the cells at a term; None without one."""
-        found = numbers(" ".join(cell for place, _, cell in self._places() if _matches(place, [term])))
-        return _EXTREMES[which](found, default=None)
+    def cells(self, term: str) -> list[str]:
+        """Return the numbers of the cells at a term, without what is in parentheses or follows a slash."""
+        return [
+            one for _, cell in self._places(term) for one in numbers(re.sub(r"\([^)]*\)| / .*", "", cell))
+        ]
 
-    def results(self, term: str) -> set[float]:
-        """Return the numbers of the results in rows at a term, of tables of aims: what follows the limit."""
-        rows = [row for section in self.sections if not isinstance(section, str) for row in section]
-        cells = (
-            cell
-            for row in rows
-            if "limit" in row and _matches(" ".join([*row.values(), *row]), [term])
-            for heading, cell in row.items()
-            if heading not in ("aim", "limit")
-        )
-        return numbers(" ".join(cells))
+    def _places(self, term: str) -> Iterator[tuple[str, str]]:
+        """Yield the words that have the numbers, and the cell, of texts and cells at a term.
 
-    def _places(self) -> Iterator[tuple[str, str, str]]:
-        """Yield what terms are looked for in, the words that have the numbers, and the cell, of each cell.
-
-        A text is a cell, too.
+        If the last part of the term is in headings, cells are those of these columns.
         """
-        title = ""
+        title, last = "", term.split(" / ")[-1]
         for section in self.sections:
             if isinstance(section, str):
                 title = section
-                yield title, title, title
+                if _matches(title, [term]):
+                    yield title, title
                 continue
             for row in section:
                 label, *_ = row.values()
-                for heading, cell in row.items():
-                    yield " ".join([title, *row.values(), heading]), f"{label} {heading} {cell}", cell
+                columns = [heading for heading in row if _matches(heading, [last])] or list(row)
+                for heading in columns:
+                    if _matches(" ".join([title, *row.values(), heading]), [term]):
+                        yield f"{label} {heading} {row[heading]}", row[heading]
 
     def _head(self) -> str:
         commit, date = (self.commit or "not known")[:9], (self.date or "not known")[:10]
@@ -175,34 +169,75 @@ def with_figures(text: str, figures: Mapping[str, Figure]) -> str:
     return _BLOCK.sub(block, text)
 
 
+class Number(NamedTuple):
+    """Number of a page, and where it is."""
+
+    text: str
+    start: int
+    end: int
+
+
 class Claim(NamedTuple):
     """Numbers of a page that a comment says to be those of a figure."""
 
     line: int
     name: str
     terms: list[str]
-    numbers: set[float]
-    ratios: list[tuple[str, str]]  # "A of B", in the order of the page
+    numbers: list[Number]
+    places: list[str]  # for each number, which one of the figure it is; empty if the comment does not say
+    end: int  # where what follows the terms begins
+
+    def known(self, figure: Figure) -> dict[str, str]:
+        """Return the numbers of the figure by their places."""
+        cells = [one for term in self.terms for one in figure.cells(term)]
+        extremes = {"least": min(cells, key=value), "most": max(cells, key=value)} if cells else {}
+        selected = (one for term in self.terms for one in figure.selected(term))
+        return {str(place): one for place, one in enumerate(selected, 1)} | extremes
+
+    def with_places(self, figure: Figure) -> list[str]:
+        """Return the first place of each number, after that of the number before if there is one."""
+        known, places, at = self.known(figure), list[str](), 0
+        for number in self.numbers:
+            same = [int(k) for k, one in known.items() if k.isdigit() and value(one) == value(number.text)]
+            at = next((k for k in same if k > at), same[0] if same else 0)
+            places.append(str(at))
+        return places
 
 
 def claims(text: str) -> list[Claim]:
     """List the claims of a page."""
-    return [
-        Claim(
-            _line(text, mark),
-            mark[1],
-            _terms(mark[2]),
-            numbers(said := without_intervals(_BEGINNING.split(text[: mark.start()])[-1])),
-            _RATIO.findall(said),
-        )
-        for mark in _MARK.finditer(text)
-    ]
+    found = []
+    for mark in _MARK.finditer(text):
+        said = _BEGINNING.split(text[: mark.start()])[-1]
+        start, words = mark.start() - len(said), _without_code(_INTERVAL.sub(_blank, said))
+        those = [Number(n[0], start + n.start(), start + n.end()) for n in _NUMBER.finditer(words)]
+        places = (mark[3] or "").split()
+        found.append(Claim(_line(text, mark), mark[1], _terms(mark[2]), those, places, mark.end(2)))
+    return found
+
+
+def with_numbers(text: str, figures: Mapping[str, Figure]) -> str:
+    """Return a page with the numbers of its figures, and with places where a comment has none."""
+    for claim in reversed(claims(text)):
+        if (figure := figures.get(claim.name)) is None or not claim.numbers:
+            continue
+        if not claim.places:
+            text = f"{text[: claim.end]} = {' '.join(claim.with_places(figure))}{text[claim.end :]}"
+        known = claim.known(figure)
+        if len(claim.places) == len(claim.numbers) and all(place in known for place in claim.places):
+            for number, place in reversed(list(zip(claim.numbers, claim.places, strict=True))):
+                if value(number.text) != value(known[place]):
+                    text = text[: number.start] + known[place] + text[number.end :]
+    return _RATIO_WITH_INTERVAL.sub(lambda one: f"{one[1]} {interval(one[2], one[3])}".rstrip(), text)
 
 
 def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
     """Yield where a page differs from the figures: the line, and what is wrong."""
     for other in _OTHER.finditer(text):
         yield f"{_line(text, other)}: this comment is none of those that tools/figures.py explains"
+    for ratio in _RATIO_WITH_INTERVAL.finditer(text):
+        if ratio[0] != f"{ratio[1]} {interval(ratio[2], ratio[3])}".rstrip():
+            yield f"{_line(text, ratio)}: the interval of {ratio[1]} is {interval(ratio[2], ratio[3])}"
     paired = {place for block in _BLOCK.finditer(text) for place in (block.start(), block.start(4))}
     for edge in _EDGE.finditer(text):
         if edge.start() not in paired:
@@ -217,41 +252,32 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
                 yield f"{line}: {file} has nothing at `{term}`"
         if _ageless(with_figures(block[0], figures)) != _ageless(block[0]):
             yield f"{line}: differs from {file}; run `python -m tools.figures`"
-    for line, name, terms, said, ratios in claims(text):
-        file, known, counted = f"docs/figures/{name}.json", set[float](), list[tuple[str, str]]()
-        if name not in figures:
-            yield f"{line}: there is no {file}"
-            continue
-        for term, _, which in (one.partition(" = ") for one in terms):
-            selected = figures[name].select(term)
-            if which and (which not in _EXTREMES or figures[name].extreme(term, which) not in said):
-                yield f"{line}: the {which} of {file} at `{term}` is not said"
-            known |= numbers(" ".join(selected))
-            counted += _RATIO.findall(" ".join(selected))
-            if not selected:
-                yield f"{line}: {file} has nothing at `{term}`"
-            if (results := figures[name].results(term)) and not results & said:
-                yield f"{line}: no result of {file} at `{term}` is said"
-        for part, whole in sorted(set(ratios) - set(counted)):
-            if whole in {other for _, other in counted}:
-                yield f"{line}: {part} of {whole} is not in {file} at `{'; '.join(terms)}`"
-        left = iter(counted)
-        if not all(one in left for one in ratios if one in counted):
-            yield f"{line}: proportions are in another order than in {file} at `{'; '.join(terms)}`"
-        for number in sorted(said - known):
-            yield f"{line}: {number:g} is not in {file} at `{'; '.join(terms)}`"
+    for claim in claims(text):
+        yield from (f"{claim.line}: {words}" for words in _problems_of(claim, figures))
+
+
+def _problems_of(claim: Claim, figures: Mapping[str, Figure]) -> Iterator[str]:
+    file, at = f"docs/figures/{claim.name}.json", f"at `{'; '.join(claim.terms)}`"
+    if (figure := figures.get(claim.name)) is None:
+        yield f"there is no {file}"
+        return
+    for term in claim.terms:
+        if not figure.selected(term):
+            yield f"{file} has no number at `{term}`"
+    known, said = claim.known(figure), [number.text for number in claim.numbers]
+    if len(claim.places) != len(said):
+        yield f"{len(claim.places)} places {at} of {file} for {len(said)} numbers: {', '.join(said)}"
+        return
+    for number, place in zip(said, claim.places, strict=True):
+        if place not in known:
+            yield f"{number}: {file} has no place {place} {at}"
+        elif value(number) != value(known[place]):
+            yield f"{number} is {known[place]} in {file} {at}"
 
 
 def with_intervals(text: str) -> str:
     """Return the text with its interval after each "A of B"."""
     return _RATIO.sub(lambda ratio: f"{ratio[0]} {interval(ratio[1], ratio[2])}".rstrip(), text)
-
-
-def without_intervals(text: str) -> str:
-    """Return the text without the intervals after "A of B" that are right."""
-    for ratio in _RATIO.finditer(text):
-        text = text.replace(f"{ratio[0]} {interval(ratio[1], ratio[2])}".rstrip(), ratio[0])
-    return text
 
 
 def interval(part: str, whole: str) -> str:
@@ -266,12 +292,22 @@ def interval(part: str, whole: str) -> str:
     return f"[{low:.{digits}f} to {high:.{digits}f} %]"
 
 
-def numbers(text: str) -> set[float]:
-    """Return the numbers of a text; `11,791` is 11791. Code and addresses have none, nor has a list item."""
-    return {
-        float(one.replace(",", "").replace("\u2212", "-"))
-        for one in _NUMBER.findall(_NOT_WORDS.sub(" ", text))
-    }
+def numbers(text: str) -> list[str]:
+    """Return the numbers of a text, as they stand. Code and addresses have none, nor has a list item."""
+    return _NUMBER.findall(_without_code(text))
+
+
+def value(number: str) -> float:
+    """Return a number of a text; `11,791` is 11791."""
+    return float(number.replace(",", "").replace("\u2212", "-"))
+
+
+def _without_code(text: str) -> str:
+    return _NOT_WORDS.sub(_blank, text)
+
+
+def _blank(found: re.Match[str]) -> str:
+    return " " * len(found[0])
 
 
 def _ageless(text: str) -> str:
@@ -301,7 +337,8 @@ def main(arguments: list[str]) -> None:
     figures, n_numbers, wrong = load_figures(), 0, list[str]()
     for path in pages():
         text = path.read_text("utf-8")
-        if "--check" not in arguments and (written := with_figures(text, figures)) != text:
+        written = text if "--check" in arguments else with_figures(with_numbers(text, figures), figures)
+        if written != text:
             path.write_text(written, "utf-8")
             print(f"{path.relative_to(ROOT)}: written")
             text = written
