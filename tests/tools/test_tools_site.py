@@ -1,5 +1,6 @@
 """The site of ``./run docs``: the pages of the repository, and the reference from the code."""
 
+import json
 import re
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from tools.site.pages import (
     with_four_column_lists,
     with_links_to_pages,
 )
-from tools.site.reference import fields_page, metrics_page, options_page, verbs_page
+from tools.site.reference import fields_page, figures_page, metrics_page, options_page, verbs_page
 
 
 def test_the_site_has_each_page_and_what_it_links_to_at_its_place() -> None:
@@ -154,3 +155,13 @@ def test_the_meaning_of_a_field_is_its_comment(lines: list[str], meaning: str) -
 def test_the_meaning_of_an_option_is_its_description() -> None:
     assert description_of("Field(default=0, description='speed, ' 'mm/s')") == "speed, mm/s"
     assert description_of("Field(default=0)") == description_of("0") == description_of("None") == ""
+
+
+def test_all_figures_are_on_one_page_with_their_misses() -> None:
+    page = figures_page()
+    for path in ROOT.glob("docs/figures/*.json"):
+        _, own = page.split(f"## [{path.stem}]({path.name})\n", 1)
+        own = own.split("\n## [", 1)[0]
+        figure = json.loads(path.read_text())
+        assert figure["command"] in own
+        assert own.count("MISSED") == json.dumps(figure["sections"]).count("MISSED")

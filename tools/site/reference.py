@@ -1,4 +1,4 @@
-"""Pages of the reference that are generated: fields of the messages, verbs, options, metrics and C++."""
+"""Pages that are generated: fields of the messages, verbs, options, metrics, C++, and all figures."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,6 +18,7 @@ from tactiled.config import Config
 from tactiled.daemon.operations.metrics import METRICS
 from tactiled.tomlfile import Params
 from tactiled.zenoh.fleet import FLEET_METRICS
+from tools.figures import load_figures
 from tools.site.cpp_reference import cpp_page
 
 _HEAD = ("v", "seq", "board", "run")  # fields that mean the same in every message
@@ -32,7 +33,15 @@ def generated_pages() -> dict[str, str]:
         "reference/options.md": options_page(),
         "reference/metrics.md": metrics_page(),
         "reference/cpp.md": cpp_page(),
+        "docs/figures/index.md": figures_page(),
     }
+
+
+def figures_page() -> str:
+    """Return what the benches have written: each figure with its date, and whether its code has changed."""
+    head = "# All figures\n\nEach heading links to the figure's file, which has commit, machine and seeds."
+    parts = (f"## [{name}]({name}.json)\n\n{one.block([])}" for name, one in load_figures().items())
+    return "\n\n".join([head, *parts])
 
 
 def fields_page() -> str:
