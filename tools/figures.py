@@ -1,6 +1,7 @@
 """Put measured tables into pages, and check numbers of the pages against them: ``python -m tools.figures``.
 
-A figure is a file that ``./run bench NAME --json docs/figures/NAME.json`` writes. Pages name it in two ways:
+A figure is a file that ``./run bench NAME --json docs/figures/NAME.json`` writes. The figure ``research`` is
+the table of research/README.md, written by hand. Pages name figures in two ways:
 
 - ``<!-- figure: NAME -->`` and ``<!-- end -->``: texts and tables of the figure, which this command writes,
   stand between them. ``<!-- figure: NAME: PART / PART; PART -->`` has a part of them: the texts and the rows
@@ -39,9 +40,9 @@ _BLOCK = re.compile(
     r"(?<!`)(<!-- figure: ([^\s:]+)(?:: ([^>]+))? -->\n)(?:(?!<!-- figure: ).)*?(<!-- end -->)", re.DOTALL
 )
 _EDGE = re.compile(r"(?<!`)<!-- (?:figure: .*?|end) -->")
-_MARK = re.compile(r"(?<!`)<!-- from (\S+): ([^>=]+?)(?:\s+=\s+([^>=]+))? -->")
+_MARK = re.compile(r"(?<!`)<!-- from (\S+): ([^>=]+?)(?:\s+=\s+([^>=]+?))?\s+-->")
 _OTHER = re.compile(
-    r"(?<!`)<!--(?! figure: [^\s:]+(?:: [^>]+)? -->| end -->| from elsewhere -->| from \S+: [^>]+ -->)"
+    r"(?<!`)<!--(?! figure: [^\s:]+(?:: [^>]+)? -->| end -->| from elsewhere -->| from \S+: [^>]+\s-->)"
 )
 _BEGINNING = re.compile(r"<!--.*?-->|\n\s*\n|\n(?=\s*(?:[-|#>] |\d+\. ))", re.DOTALL)  # of what a mark covers
 _NOT_WORDS = re.compile(r"`[^`]*`|\]\([^)]*\)|\A\s*\d+\. ")  # code, addresses of links, number of a list item
@@ -157,6 +158,13 @@ def load_figures(folder: Path = ROOT / "docs" / "figures") -> dict[str, Figure]:
     return found
 
 
+def research(page: Path = ROOT / "research" / "README.md") -> Figure:
+    """Read the table of what was measured by benches of former versions, or by hand."""
+    lines = [line[2:-2].split(" | ") for line in page.read_text("utf-8").splitlines() if line[:1] == "|"]
+    rows = [dict(zip(lines[0], cells, strict=True)) for cells in lines[2:]]
+    return Figure("former benches", None, None, None, None, [], [rows])
+
+
 def with_figures(text: str, figures: Mapping[str, Figure]) -> str:
     """Return a page with the tables of the figures that it names."""
 
@@ -257,7 +265,8 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
 
 
 def _problems_of(claim: Claim, figures: Mapping[str, Figure]) -> Iterator[str]:
-    file, at = f"docs/figures/{claim.name}.json", f"at `{'; '.join(claim.terms)}`"
+    file = "research/README.md" if claim.name == "research" else f"docs/figures/{claim.name}.json"
+    at = f"at `{'; '.join(claim.terms)}`"
     if (figure := figures.get(claim.name)) is None:
         yield f"there is no {file}"
         return
@@ -334,7 +343,7 @@ def main(arguments: list[str]) -> None:
     """Write the tables, or check with ``--check``."""
     if arguments not in ([], ["--check"]):
         sys.exit("usage: python -m tools.figures [--check]")
-    figures, n_numbers, wrong = load_figures(), 0, list[str]()
+    figures, n_numbers, wrong = load_figures() | {"research": research()}, 0, list[str]()
     for path in pages():
         text = path.read_text("utf-8")
         written = text if "--check" in arguments else with_figures(with_numbers(text, figures), figures)

@@ -238,3 +238,14 @@ def test_paths_of_measured_code_exist() -> None:
     paths = [path for bench in BENCHES.values() for path in bench.code]
     paths += [path for figure in load_figures().values() for path in figure.code]
     assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+def test_the_table_of_former_benches_is_a_figure(tmp_path: Path) -> None:
+    (tmp_path / "page.md").write_text("# Page\n\n| bench | answer |\n|---|---|\n| `a` | 3 of 4 |\n")
+    known = {"research": tool.research(tmp_path / "page.md")}
+    page = "Of 4, 3. <!-- from research: `a` / answer = 2 1 -->"
+    assert not list(problems(page, known))
+    assert list(problems(page.replace("Of 4", "Of 5"), known)) == [
+        "1: 5 is 4 in research/README.md at ``a` / answer`"
+    ]
+    assert tool.research().selected("Models of the emulator / answer")
