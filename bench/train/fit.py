@@ -57,7 +57,7 @@ _THIN = 5  # neighbouring looks say the same: one in so many is learnt from
 
 # Signs of which more never speaks against sliding: taxels that move on their own, and ripples that travel.
 # What few worlds have seen of large ones says otherwise.
-_SPEAKS_FOR_SLIDING = ("wander_", "detail_1", "detail_2", "detail_3", "ripple_travels")
+_SPEAKS_FOR_SLIDING = ("wander_", "detail_1", "detail_2", "detail_3", "detail_noises_", "ripple_travels")
 _MONOTONE = [int(name.startswith(_SPEAKS_FOR_SLIDING)) for name in NAMES]
 
 

@@ -21,21 +21,26 @@ LOOK_S = 0.02  # choice: a controller acts no faster, and neighbouring scans tel
 # choice: from two looks to a slow grip, each about twice the one before. The trees take from them what they
 # need.
 _TIMES_S = (0.04, 0.08, 0.16, 0.3, 0.5)
-_GROWTH_S = _TIMES_S[1]  # derived: of these times
+# derived: of these times: that of the growth, and that of a mean as long as the longest forecast
+_GROWTH_S, _MEAN_S = _TIMES_S[1], _TIMES_S[3]
 WINDOWS_S: Mapping[str, tuple[float, ...]] = {
     "change": _TIMES_S,
+    "turn": _TIMES_S[1:4],
     "spread": _TIMES_S[2::2],
     "wander": _TIMES_S[:4],
     "moves": _TIMES_S[1:],
 }
 """Windows of the signs by kind."""
 LEVELS = (1, 2, 3)  # choice
-# choice: longest window and time of a sign; `largest` lasts as long as the contact
+# choice: longest window and time of a sign; `largest` and `dropped_from` last as long as the contact
 _LONGEST_S = 1.0
 LEAST_RATIO = 0.01  # derived: below it the logarithm of a ratio is that of noise
 _EVEN = 0.03  # prior: of the mean load: where loads differ by less, they say nothing of the shears
 _UNKNOWN = float("nan")
 _LOADED = 0.25  # prior: of the mean load: a taxel with less has no ratio of its own
+# prior: of the ratio before: a fall to less within a tenth of a second is a jerk of the object
+_SUDDEN_DROP = 0.85
+_DROP_S = 0.1  # prior: so long a jerk takes
 # choice: parts of the newest ratio; when it was last below each of them tells in which course it grew.
 _PARTS = (0.5, 0.9, 0.95, 0.98)
 _LAST_PART = 0.2  # derived: (0.98 - 0.9) / (0.9 - 0.5) of `_PARTS`: in an even growth
@@ -49,27 +54,31 @@ def _ms(kind: str) -> list[str]:
 
 
 NAMES: tuple[str, ...] = (
-    *("load_unevenness", "loaded_part", "moment", "shear_on_load", "shear_load_correlation"),
-    *("ratio", "ratio_largest", "log_ratio_of_largest", "since_largest_s"),
+    *("load_unevenness", "loaded_part", "moment", "shear_on_load", "shear_load_correlation", "across_part"),
+    *("ratio", "ratio_mean", "ratio_largest", "log_ratio_of_largest", "since_largest_s"),
     *("own_ratio_sd", "own_ratio_least", "own_ratio_most"),
     *(f"ratio_change_{t}" for t in _ms("change")),
     *(f"log_ratio_change_{t}" for t in _ms("change")),
     *(f"log_load_change_{t}" for t in _ms("change")),
-    *(f"{kind}_{t}" for t in _ms("spread") for kind in ("above_least", "ratio_sd")),
+    *(f"turn_{t}" for t in _ms("turn")),
+    *(f"{kind}_{t}" for t in _ms("spread") for kind in ("above_least", "below_most", "ratio_sd")),
     *(f"wander_{t}" for t in _ms("wander")),
     *(f"wander_noises_{t}" for t in _ms("wander")),
     *(f"load_moves_{t}" for t in _ms("moves")),
     *(f"load_moves_noises_{t}" for t in _ms("moves")),
     *(f"detail_{level}" for level in LEVELS),
+    *(f"detail_noises_{level}" for level in LEVELS),
     *(f"detail_common_{level}" for level in LEVELS),
     *(f"since_below_{100 * part:.0f}_s" for part in _PARTS),
     *("log_growth_s", "growth_slows"),
-    *("roughness", "roughness_noises", "load_jerk", "log_noise"),
+    *("roughness", "roughness_noises", "load_jerk", "log_ratio_of_drop", "log_noise"),
     *("ripple", "ripple_travels", "acceleration", "is_seen"),
 )
 # derived: places of the signs in a row: the first of each kind.
 _SHAPE, _RATIO, _OWN = (NAMES.index(name) for name in ("load_unevenness", "ratio", "own_ratio_sd"))
-_CHANGES, _SPREADS = (NAMES.index(name) for name in ("ratio_change_40ms", "above_least_160ms"))
+_CHANGES, _TURNS, _SPREADS = (
+    NAMES.index(name) for name in ("ratio_change_40ms", "turn_80ms", "above_least_160ms")
+)
 _WANDER, _DETAILS, _SINCE = (NAMES.index(name) for name in ("wander_40ms", "detail_1", "since_below_50_s"))
 _GROWTH, _ROUGHNESS, _JERK = (NAMES.index(name) for name in ("log_growth_s", "roughness", "load_jerk"))
 _NOISE, _RIPPLE, _HAND = (NAMES.index(name) for name in ("log_noise", "ripple", "acceleration"))
@@ -124,9 +133,11 @@ class Signs:
             kind: array("q", [_looks(time_s, look_s) for time_s in times_s])
             for kind, times_s in WINDOWS_S.items()
         }
-        self.change_looks, self.spread_looks = looks["change"], looks["spread"]
-        self.wander_looks, self.move_looks = looks["wander"], looks["moves"]
-        self.n_growth = _looks(_GROWTH_S, look_s)
+        self.change_looks, self.turn_looks = looks["change"], looks["turn"]
+        self.spread_looks, self.wander_looks = looks["spread"], looks["wander"]
+        self.move_looks = looks["moves"]
+        self.n_growth, self.n_mean = _looks(_GROWTH_S, look_s), _looks(_MEAN_S, look_s)
+        self.n_drop = _looks(_DROP_S, look_s)
         filters = [exact_taps(level, sqrt(2.0)) for level in LEVELS]  # of the gain of a normalised transform
         self.taps = array("d", [tap for one in filters for tap in one])
         self.n_taps = array("q", [len(one) for one in filters])
@@ -161,7 +172,9 @@ class Signs:
         """Begin all windows anew, after a gap."""
         self.n = 0
         self.at = -1
-        self.largest = self.since_largest_s = self.grown_to = 0.0
+        self.largest = self.dropped_from = 0.0
+        self.since_largest_s = 0.0
+        self.grown_to = 0.0
         self.log_growth_s = self.growth_slows = _UNKNOWN
         self.n_scans = 0
         self.steps2 = 0.0
@@ -283,15 +296,16 @@ class Signs:
         mean = whole / n
         planar = sqrt(self.ratio_x * self.ratio_x + self.ratio_y * self.ratio_y)
         cos, sin = self.ratio_x / max(planar, LEAST_RATIO), self.ratio_y / max(planar, LEAST_RATIO)
-        loads2, crossed, along2 = 0.0, 0.0, 0.0
+        loads2, crossed, along2, across2 = 0.0, 0.0, 0.0, 0.0
         own, own2, least, most, n_loaded = 0.0, 0.0, 1e9, -1e9, 0
         mean_along = planar * mean
         for k in range(n):
-            load = self.load[k]
-            along = cos * self.shear_x[k] + sin * self.shear_y[k]
+            load, x, y = self.load[k], self.shear_x[k], self.shear_y[k]
+            along, across = cos * x + sin * y, cos * y - sin * x
             loads2 += (load - mean) * (load - mean)
             crossed += (load - mean) * (along - mean_along)
             along2 += (along - mean_along) * (along - mean_along)
+            across2 += across * across
             if load > _LOADED * mean:
                 one = along / load
                 own += one
@@ -305,6 +319,7 @@ class Signs:
             row[_SHAPE + 4] = crossed / max(sqrt(loads2 * along2), 1e-6 * mean * mean)
         else:
             row[_SHAPE + 3] = row[_SHAPE + 4] = _UNKNOWN
+        row[_SHAPE + 5] = sqrt(across2 / n) / (mean * ratio)
         n_own = max(n_loaded, 1)
         own /= n_own
         row[_OWN] = sqrt(max(own2 / n_own - own * own, 0.0)) / ratio
@@ -314,35 +329,47 @@ class Signs:
     def _take_course(self) -> None:
         """Signs of the course of the ratio and of the load."""
         row, at, ratio = self.row, self.at, self.ratio
+        total = 0.0
+        for j in range(self.n_mean):
+            total += self.past_ratio[self._back(j)]
         if ratio >= self.largest:
             self.largest, self.since_largest_s = ratio, 0.0
         else:
             self.since_largest_s += self.look_s
         scale = max(ratio, LEAST_RATIO)
-        row[_RATIO], row[_RATIO + 1] = ratio, self.largest
-        row[_RATIO + 2] = log(scale / max(self.largest, LEAST_RATIO))
-        row[_RATIO + 3] = min(self.since_largest_s, _LONGEST_S)
+        row[_RATIO], row[_RATIO + 1], row[_RATIO + 2] = ratio, total / self.n_mean, self.largest
+        row[_RATIO + 3] = log(scale / max(self.largest, LEAST_RATIO))
+        row[_RATIO + 4] = min(self.since_largest_s, _LONGEST_S)
         kinds = len(self.change_looks)
         for j in range(kinds):
             back = self._back(self.change_looks[j])
             row[_CHANGES + j] = ratio - self.past_ratio[back]
             row[_CHANGES + kinds + j] = self.past_log_ratio[at] - self.past_log_ratio[back]
             row[_CHANGES + 2 * kinds + j] = self.past_log_load[at] - self.past_log_load[back]
+        for j in range(len(self.turn_looks)):
+            back = self._back(self.turn_looks[j])
+            crossed = self.ratio_x * self.past_y[back] - self.ratio_y * self.past_x[back]
+            row[_TURNS + j] = abs(crossed) / (scale * max(self.past_ratio[back], LEAST_RATIO))
         for j in range(len(self.spread_looks)):
             looks = self.spread_looks[j] + 1
-            least, mean, squares = 1e9, 0.0, 0.0
+            least, most, mean, squares = 1e9, 0.0, 0.0, 0.0
             for i in range(looks):
                 one = self.past_ratio[self._back(i)]
-                least = min(least, one)
+                least, most = min(least, one), max(most, one)
                 mean += one
                 squares += one * one
             mean /= looks
-            row[_SPREADS + 2 * j] = (ratio - least) / scale
-            row[_SPREADS + 2 * j + 1] = sqrt(max(squares / looks - mean * mean, 0.0)) / scale
+            row[_SPREADS + 3 * j] = (ratio - least) / scale
+            row[_SPREADS + 3 * j + 1] = (most - ratio) / scale
+            row[_SPREADS + 3 * j + 2] = sqrt(max(squares / looks - mean * mean, 0.0)) / scale
         before = self.past_ratio[self._back(self.n_growth)]
         self.growth = (ratio - before) / (self.n_growth * self.look_s)
+        before = self.past_ratio[self._back(self.n_drop)]
+        if ratio < _SUDDEN_DROP * before:
+            self.dropped_from = before
         log_load = self.past_log_load
         row[_JERK] = abs(log_load[at] - 2.0 * log_load[self._back(1)] + log_load[self._back(2)])
+        row[_JERK + 1] = log(scale / max(self.dropped_from, LEAST_RATIO)) if self.dropped_from > 0 else 0.0
 
     def _take_growth(self) -> None:
         """Signs of the course in which the ratio grew to where it is.
@@ -413,8 +440,10 @@ class Signs:
                 dx -= part * common_x
                 dy -= part * common_y
                 squares += dx * dx + dy * dy
-            row[_DETAILS + j] = sqrt(squares / n) * n
-            row[_DETAILS + kinds + j] = sqrt(common_x * common_x + common_y * common_y)
+            size = sqrt(squares / n)
+            row[_DETAILS + j] = size * n
+            row[_DETAILS + kinds + j] = size / relative
+            row[_DETAILS + 2 * kinds + j] = sqrt(common_x * common_x + common_y * common_y)
             first += taps
 
     def _take_moves(self, noise: float) -> None:

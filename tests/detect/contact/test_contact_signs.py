@@ -45,7 +45,7 @@ def test_a_contact_that_holds_shows_its_ratio_and_no_change() -> None:
     assert sign(rows, "loaded_part")[-1] == 1.0
     assert sign(rows, "own_ratio_sd")[-1] == pytest.approx(0.0, abs=1e-6)
     assert sign(rows, "shear_load_correlation")[-1] == pytest.approx(1.0)
-    still = ("change", "wander", "detail", "above", "ripple", "moves")
+    still = ("change", "wander", "detail", "turn", "above", "below_most", "ripple", "moves")
     for name in NAMES:
         if any(word in name for word in still):
             assert sign(rows, name)[-1] == pytest.approx(0.0, abs=1e-9), name
