@@ -9,12 +9,13 @@ the table of research/README.md, written by hand. Pages name figures in two ways
 - ``<!-- from NAME: PART / PART; PART = 1 4 least -->``: the numbers before it are those of the figure, back
   to the comment before, or else to the beginning of the paragraph, list item or table row. Each term between
   semicolons selects the texts and cells in whose title, row or heading all of its parts occur, each from
-  the beginning of a word on. Then follows, for each number of the page, which number of the selection it is.
-  The selection is each text, and each cell after the first cell of its row and its heading. ``least`` and
-  ``most`` are those of the selected cells, without what is in parentheses or follows a slash. This command
-  fills in what follows ``=`` if that is missing (see whether it chose what is meant), and later writes the
-  numbers of new figures into the page (see whether the sentence still holds). The interval of a proportion
-  (see `interval`) may follow it in brackets, as in "48 of 68 [59 to 80 %]".
+  the beginning of a word on. Then follows, for each number of the page, its place in the selection: numbers
+  are counted through the selected texts and cells; of each cell, first those of the first cell of its row,
+  then those of its heading, then its own. ``least`` and ``most`` are the extremes of the cells alone, without
+  what is in parentheses or follows a slash. This command fills in places if they are missing (see whether
+  it chose what is meant), and later writes the numbers of new figures into the page (see whether the
+  sentence still holds). The interval of a proportion (see `interval`) may follow it in brackets, as in "48 of
+  68 [59 to 80 %]".
 - ``<!-- from elsewhere -->``: the numbers before it are of no figure.
 
 With ``--check`` it writes nothing, and fails where pages and figures differ. Tables that it writes have the
@@ -87,7 +88,7 @@ class Figure:
         return shown
 
     def selected(self, term: str) -> list[str]:
-        """Return the numbers at a term, of each cell after those of its row's first cell and heading."""
+        """Return the numbers at a term, in the order in which places count them."""
         return [one for words, _ in self._places(term) for one in numbers(words)]
 
     def cells(self, term: str) -> list[str]:
