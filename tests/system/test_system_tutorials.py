@@ -42,7 +42,8 @@ def test_the_tutorial_of_the_grip_holds_what_it_does_not_know(program: str, tmp_
     text = (DOCS / "hold.md").read_text()
     if program == "own.py":  # the loop of the page, which prints nothing but what the gripper says at the end
         (loop,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-        (tmp_path / program).write_text(f"{loop}\n{ITS_GRIPPER}")
+        program = str(tmp_path / program)
+        Path(program).write_text(f"{loop}\n{ITS_GRIPPER}")
         text = re.sub(r"    .* N \w+ [\d.]+\n", "", text.replace("examples/hold.py unix://gripper", program))
     page = tmp_path / "page.md"
     page.write_text(text)
