@@ -17,7 +17,7 @@ RECALL = 0.8
 _EARLY_S, _LATE_S = 0.1, 0.3  # before and after the beginning of gross slip: an alarm then finds it
 _OFF_S = 0.08
 _ANNOUNCED_S = 0.02  # between values that a hand announces
-_NEW_S = 2.0  # from the beginning of a slide: what a hand may still hold
+_NEW_S = 2.0  # from the beginning of a slide: later, the object has left the hand, or slides where it should
 _USED = 0.5  # utilisation from which its error counts
 _RANKS, _RESAMPLES = 1000, 400  # the area differs by less than 0.001 from that of all ranks
 

@@ -56,8 +56,8 @@ struct Slip {
     // Standard deviation of direction_deg, degrees; 180 where the direction is not known.
     double direction_sd_deg = 0.0;
     // Probability of what is reported: that a tenth of the contact area slips (incipient), or all of it
-    // (gross). Not a probability with detector sliding, where it grows with statistic, and with the setting
-    // wang2019: agreement of the channels, 0 to 1.
+    // (gross). With detector sliding, it grows with statistic, and is not calibrated. With the setting
+    // wang2019, it is the agreement of the channels, 0 to 1.
     double confidence = 0.0;
     // Indices of the taxels that take part.
     std::vector<std::int64_t> taxels;

@@ -282,7 +282,7 @@ class TunedSuite:
         return ""
 
     def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> str:
-        """Take accelerations (n,) of the hand along the pull, gravity's part included, by instant (n,).
+        """Take accelerations (n,) of the hand minus gravity's, against the object's pull, by instant (n,).
 
         They apply to scans that are processed from now on: see `AnnouncedMotion`.
         """

@@ -158,8 +158,8 @@ class GripDetector:
         self._is_told = False  # the newest message has a contact
         self._owes_end = False  # a gap ended the messages of a contact; the next scan says that it ended
         self.acceleration_m_s2 = math.nan
-        """Announced acceleration of the hand along the pull, gravity's part included, at the newest scan; NaN
-        where none is announced."""
+        """Announced acceleration of the hand minus that of gravity, against the object's pull, at the newest
+        scan; NaN where none is announced."""
 
     def _make(self, rate_hz: float) -> None:
         """Make all that depends on the scan rate."""

@@ -121,17 +121,18 @@ def refine(window: DetrendedWindow, start: PlaneWaves) -> RefinedWave:
 
 def _climb(window: DetrendedWindow, start: PlaneWaves, n_harmonics: int) -> RefinedWave:
     """Climb until the normal equations are those of the wave's frequency."""
-    k, phase_rate, phase, line = start.k, start.phase_rate, None, None
-    for _ in range(_REFINEMENTS):
+    k, phase_rate, phase = start.k, start.phase_rate, None
+    for step in range(_REFINEMENTS):
         best = refine_once(window, k, phase_rate, n_harmonics, phase)
-        line = line or best.equations
+        if step == 0:
+            line = best.equations
         moved = max(
             float(np.abs(best.waves.phase_rate - phase_rate)[0]), float(np.abs(best.waves.k - k).max())
         )
         k, phase_rate, phase = best.waves.k, best.waves.phase_rate, best.waves.phase
         if moved < _CONVERGED_RAD:
             break
-    return replace(best, is_wave=suits_channels(best, line or best.equations))
+    return replace(best, is_wave=suits_channels(best, line))
 
 
 def refine_once(

@@ -55,6 +55,7 @@ def track_wave(
     wave, phase_rate = last.wave, last.wave.phase_per_travel * window.half_travel
     best = refine_once(window, wave.k[np.newaxis], np.array([phase_rate]), wave.n_harmonics)
     least, most = np.pi * scans.params.min_periods, 2 * np.pi * ALIASED / window.largest_step
+    # Of a single step, the equations are those of the line from which it began.
     if not least <= best.phase_rate <= most or not suits_channels(best, best.equations):
         return None
     rate_hz = (window.n - 1) / window.duration_s
