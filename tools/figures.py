@@ -161,7 +161,13 @@ def load_figures(folder: Path = ROOT / "docs" / "figures") -> dict[str, Figure]:
 
 def research(page: Path = ROOT / "research" / "README.md") -> Figure:
     """Read the table of what was measured by benches of former versions, or by hand."""
-    lines = [line[2:-2].split(" | ") for line in page.read_text("utf-8").splitlines() if line[:1] == "|"]
+    text = page.read_text("utf-8")
+    lines = [
+        re.split(r"\s*\|\s*", line.strip()[1:-1].strip()) for line in text.splitlines() if line[:1] == "|"
+    ]
+    for cells in lines:
+        if len(cells) != len(lines[0]):
+            sys.exit(f"{page}: the row of {cells[0]} has {len(cells)} cells, its heading {len(lines[0])}")
     rows = [dict(zip(lines[0], cells, strict=True)) for cells in lines[2:]]
     return Figure("former benches", None, None, None, None, [], [rows])
 

@@ -249,3 +249,6 @@ def test_the_table_of_former_benches_is_a_figure(tmp_path: Path) -> None:
         "1: 5 is 4 in research/README.md at ``a` / answer`"
     ]
     assert tool.research().selected("Models of the emulator / answer")
+    (tmp_path / "page.md").write_text("| bench | answer |\n|---|---|\n| `a` |\n")
+    with pytest.raises(SystemExit, match="the row of `a` has 1 cells"):
+        tool.research(tmp_path / "page.md")
